@@ -1,0 +1,4 @@
+//! Which report belongs to which track.
+
+pub mod assignment;
+pub mod nearest;
