@@ -1,4 +1,33 @@
-//! Python bindings of trackrs: conversions and nothing else.
+//! Python bindings of trackrs: conversions and nothing else. What they convert is documented in `python/trackrs`.
 
-#[pyo3::pymodule(name = "_trackrs")]
-mod trackrs_module {}
+mod array;
+mod association;
+mod error;
+mod filter;
+mod metric;
+mod model;
+mod stats;
+mod tracker;
+
+#[pyo3::pymodule]
+mod _trackrs {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::association::assign;
+    #[pymodule_export]
+    use crate::filter::Filter;
+    #[pymodule_export]
+    use crate::metric::{evaluate, gospa, nees, ospa};
+    #[pymodule_export]
+    use crate::model::{Motion, Sensor};
+    #[pymodule_export]
+    use crate::stats::chi_square_quantile;
+    #[pymodule_export]
+    use crate::tracker::Tracker;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

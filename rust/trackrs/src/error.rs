@@ -77,6 +77,18 @@ pub enum Error {
         /// Why.
         reason: String,
     },
+    /// A value cannot be saved, because it holds a model from outside the library.
+    #[error("state cannot be saved: {reason}")]
+    CannotSave {
+        /// Why.
+        reason: String,
+    },
+    /// The library broke one of its own laws: a fault of trackrs, not of the input.
+    #[error("internal error, please report it: {reason}")]
+    Internal {
+        /// Which law.
+        reason: String,
+    },
     /// Strict mode turned an event into an error.
     #[error("strict mode: {event}")]
     Strict {

@@ -1,13 +1,23 @@
 //! Target tracking: from raw sensor reports to tracks with honest covariances.
 #![forbid(unsafe_code)]
-#![cfg_attr(
-    not(test),
-    deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)
-)]
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod association;
 pub mod error;
+pub mod event;
+pub mod filter;
+pub mod gating;
+pub mod gaussian;
+pub mod linalg;
 pub mod metric;
+pub mod model;
+pub mod scan;
+pub mod state;
 pub mod stats;
+pub mod track;
+pub mod tracker;
 
 pub use error::{Error, Result};
+pub use gaussian::Gaussian;
+pub use scan::Scan;
+pub use track::Track;

@@ -1,0 +1,60 @@
+"""Arrays at the edge: everything that enters becomes C-contiguous float64 here, everything that leaves is read-only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from trackrs.errors import DimensionError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+FloatArray: TypeAlias = "NDArray[np.float64]"
+IntArray: TypeAlias = "NDArray[np.int64]"
+
+
+def array(value: ArrayLike, name: str, ndim: int) -> FloatArray:
+    """Return `value` as a C-contiguous float64 array of `ndim` dimensions.
+
+    Raises:
+        DimensionError: it has another number of dimensions, or is not an array of numbers.
+    """
+    try:
+        out = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        msg = f"{name} must be an array of numbers: {error}"
+        raise DimensionError(msg) from None
+    if np.ndim(value) != ndim:
+        msg = f"{name} must have {ndim} dimension{'s' * (ndim != 1)}, got shape {np.shape(value)}"
+        raise DimensionError(msg)
+    return out
+
+
+def frozen(value: NDArray[Any]) -> NDArray[Any]:
+    """Make an array that nobody else holds read-only and return it."""
+    value.setflags(write=False)
+    return value
+
+
+def frozen_array(value: ArrayLike, name: str, ndim: int) -> FloatArray:
+    """Return a read-only float64 copy of `value` with `ndim` dimensions."""
+    return frozen(array(value, name, ndim).copy())
+
+
+def per_axis(value: float | Sequence[float], dims: int, name: str) -> list[float]:
+    """Return one value per axis from a scalar or a sequence of length `dims`.
+
+    Raises:
+        DimensionError: the sequence has another length.
+    """
+    values = np.asarray(value, dtype=np.float64)
+    if values.ndim == 0:
+        return [float(values)] * dims
+    if values.shape != (dims,):
+        msg = f"{name} must be a number or {dims} numbers, got shape {values.shape}"
+        raise DimensionError(msg)
+    return [float(v) for v in values]

@@ -1,0 +1,463 @@
+"""Configuration: a TOML file becomes models, a tracker, and the layout of the tables.
+
+The tables of the file mirror the classes: `[motion]`, `[sensors.NAME]` and `[tracker]` hold the arguments of a motion
+model, a sensor and `MultiTargetTracker`; `[input]`, `[truth]`, `[score]` and `[plot]` those of the classes below.
+`type = "constant_velocity"` names a class in snake case. `examples/harbour.toml` shows all of it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import json
+import math
+import re
+import tomllib
+from dataclasses import MISSING, dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
+
+import numpy as np
+
+from trackrs.association import GlobalNearestNeighbour, NearestNeighbour
+from trackrs.errors import DimensionError, TrackrsError
+from trackrs.gating import Gate
+from trackrs.metric import GOSPA, OSPA, gospa
+from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
+from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
+from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from trackrs.motion import Motion
+    from trackrs.sensor import Sensor
+
+T = TypeVar("T")
+
+
+class ConfigError(TrackrsError, ValueError):
+    """A configuration file is wrong; the message names file, table and key."""
+
+
+@dataclass(frozen=True, slots=True)
+class InputConfig:
+    """How the tables of detections and scans are read.
+
+    Args:
+        time: column of the time, seconds.
+        sensor: column of the sensor's name.
+        scan: column of an id that joins detections to scans; without one they are joined by time and sensor.
+        platform: columns of the moving platform's position, in the table of scans.
+        ignore_sensors: rows of these sensors are left out; any other sensor without a model is an error.
+        unsorted: what to do when a sensor's times decrease: refuse the table, or sort it.
+    """
+
+    time: str = "time"
+    sensor: str = "sensor"
+    scan: str | None = None
+    platform: tuple[str, ...] = ()
+    ignore_sensors: tuple[str, ...] = ()
+    unsorted: Literal["error", "sort"] = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class TruthConfig:
+    """How the table of true positions is read.
+
+    Args:
+        columns: columns of the position, in the order of the axes.
+        time: column of the time, seconds.
+        target: column of the target's name.
+    """
+
+    columns: tuple[str, ...]
+    time: str = "time"
+    target: str = "target_id"
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreConfig:
+    """How tracks are scored; see `evaluate`.
+
+    Args:
+        c: cutoff, metres.
+        metric: which metric.
+        p: its order.
+        alpha: the alpha of GOSPA.
+        sensor: score at the scans of this sensor only.
+        start: score from this time on, seconds.
+        region: radius around the platform, metres; what is outside does not count.
+    """
+
+    c: float
+    metric: Literal["gospa", "ospa"] = "gospa"
+    p: float = 2.0
+    alpha: float = 2.0
+    sensor: str | None = None
+    start: float | None = None
+    region: float | None = None
+
+    def make_metric(self) -> GOSPA | OSPA:
+        """Return the metric as an argument of `evaluate`."""
+        return GOSPA(self.c, self.p, self.alpha) if self.metric == "gospa" else OSPA(self.c, self.p)
+
+
+@dataclass(frozen=True, slots=True)
+class PlotConfig:
+    """How tracks are drawn.
+
+    Args:
+        labels: names of the first two axes of the state.
+        swap_axes: draw the first axis upwards and the second to the right, as suits north and east.
+    """
+
+    labels: tuple[str, ...] = ("x (m)", "y (m)")
+    swap_axes: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """A configuration file.
+
+    Attributes:
+        path: the file.
+        motion: how targets move.
+        sensors: the sensors by name.
+        columns: per sensor, the columns of the detections table, one per component of its measurement.
+        tracker: the other arguments of `MultiTargetTracker`.
+        input: how detections and scans are read.
+        truth: how the truth is read, if the file says so.
+        score: how tracks are scored, if the file says so.
+        plot: how tracks are drawn.
+    """
+
+    path: Path
+    motion: Motion
+    sensors: Mapping[str, Sensor]
+    columns: Mapping[str, tuple[str, ...]]
+    tracker: Mapping[str, Any]
+    input: InputConfig
+    truth: TruthConfig | None
+    score: ScoreConfig | None
+    plot: PlotConfig
+
+    def make_tracker(self) -> MultiTargetTracker:
+        """Return a tracker that has seen nothing yet."""
+        return MultiTargetTracker(self.motion, self.sensors, **self.tracker)
+
+
+def snake_case(name: str) -> str:
+    """Return the name of a class as it stands in a configuration file."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+MOTIONS: dict[str, Callable[..., Motion]] = {
+    snake_case(model.__name__): model for model in (ConstantVelocity, ConstantAcceleration, RandomWalk, LinearMotion)
+}
+SENSORS: dict[str, Callable[..., Sensor]] = {
+    snake_case(model.__name__).removesuffix("_sensor"): model for model in (PositionSensor, RangeBearing, LinearSensor)
+}
+ASSOCIATORS = {snake_case(model.__name__): model for model in (GlobalNearestNeighbour, NearestNeighbour)}
+TABLES = ("motion", "sensors", "tracker", "input", "truth", "score", "plot")
+
+
+def load_config(path: str | Path) -> Config:
+    """Read a configuration file.
+
+    Raises:
+        ConfigError: the file is missing or no TOML, a table or key is missing or unknown, a value has the wrong type or
+            is outside its domain.
+    """
+    return _Loader(Path(path)).load()
+
+
+# --- values ----------------------------------------------------------------------------------------------------------
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**32
+
+
+def _are(check: Callable[[object], bool]) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, list) and all(check(item) for item in value)
+
+
+_NUMBERS = _are(_is_number)
+_TEXTS = _are(lambda item: isinstance(item, str))
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What a value must be: a test, and the same in words."""
+
+    accepts: Callable[[object], bool]
+    words: str
+
+
+# By the annotation of the argument, without ` | None`.
+_KINDS = {
+    "int": _Kind(_is_count, "a whole number, not negative"),
+    "float": _Kind(_is_number, "a number"),
+    "bool": _Kind(lambda value: isinstance(value, bool), "true or false"),
+    "str": _Kind(lambda value: isinstance(value, str), "text in quotes"),
+    "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
+    "Sequence[float]": _Kind(_NUMBERS, "a list of numbers"),
+    "float | Sequence[float]": _Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
+    "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
+}
+_RECORDS: dict[str, type] = {"MofN": MofN, "Deletion": Deletion, "ClutterMap": ClutterMap}
+_LITERAL = re.compile(r"Literal\[(.*)\]")
+
+
+@dataclass(frozen=True, slots=True)
+class _Argument:
+    """An argument of a class or function, as its signature has it."""
+
+    name: str
+    annotation: str
+    required: bool
+
+
+def _arguments(target: Callable[..., Any]) -> list[_Argument]:
+    """The arguments that a table may give to `target`."""
+    if isinstance(target, type) and hasattr(target, "__dataclass_fields__"):
+        return [
+            _Argument(field.name, str(field.type), field.default is MISSING and field.default_factory is MISSING)
+            for field in fields(target)
+            if field.init
+        ]
+    parameters = inspect.signature(target).parameters.values()
+    return [_Argument(p.name, str(p.annotation), p.default is inspect.Parameter.empty) for p in parameters]
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _hint(wrong: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(wrong, known, n=1)
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+# --- the file --------------------------------------------------------------------------------------------------------
+
+
+class _Loader:
+    """Reads one file; its methods know the file's name and say it in every error."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def fail(self, where: str, what: str) -> NoReturn:
+        raise ConfigError(f"{self.path}{', ' if where else ''}{where}{what}")
+
+    def load(self) -> Config:
+        document = self.document()
+        self.known_keys(document, TABLES, "", "table")
+        motion = self.model(MOTIONS, self.required(document, "motion"), "[motion]")
+        sensors, columns = self.sensors(self.required(document, "sensors"))
+        layout = self.build(InputConfig, self.table(document, "input") or {}, "[input]")
+        truth, score = self.table(document, "truth"), self.table(document, "score")
+        config = Config(
+            path=self.path,
+            motion=motion,
+            sensors=sensors,
+            columns=columns,
+            tracker=self.tracker(self.required(document, "tracker")),
+            input=layout,
+            truth=None if truth is None else self.build(TruthConfig, truth, "[truth]"),
+            score=None if score is None else self.build(ScoreConfig, score, "[score]"),
+            plot=self.build(PlotConfig, self.table(document, "plot") or {}, "[plot]"),
+        )
+        self.check(config, score or {})
+        return config
+
+    def document(self) -> dict[str, Any]:
+        text = ""
+        try:
+            text = self.path.read_text(encoding="utf-8")
+            return tomllib.loads(text)
+        except FileNotFoundError:
+            raise ConfigError(f"{self.path}: no such file") from None
+        except UnicodeDecodeError:
+            raise ConfigError(f"{self.path}: not UTF-8 text") from None
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot be read: {error.strerror}") from None
+        except tomllib.TOMLDecodeError as error:
+            found = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", str(error), re.DOTALL)
+            what, place = found.groups() if found else (str(error), "")
+            last = f"line {text.rstrip().count(chr(10)) + 1}"
+            self.fail(last if place == "end of document" else place, f": not valid TOML: {what[:1].lower()}{what[1:]}")
+
+    def known_keys(self, table: Mapping[str, Any], known: Iterable[str], where: str, noun: str = "key") -> None:
+        known = list(known)
+        for key in table:
+            if key not in known:
+                self.fail(where, f': unknown {noun} "{key}"{_hint(key, known)} (there are: {", ".join(known)})')
+
+    def table(self, parent: Mapping[str, Any], name: str) -> dict[str, Any] | None:
+        """A table of the file, if it is there."""
+        table = parent.get(name)
+        if not isinstance(table, dict | None):
+            self.fail("", f': "{name}" must be a table, got {_shown(table)}')
+        return table
+
+    def required(self, document: Mapping[str, Any], name: str) -> dict[str, Any]:
+        """A table of the file that must be there."""
+        table = self.table(document, name)
+        if table is None:
+            self.fail("", f": no table [{name}]; add one (examples/harbour.toml shows how)")
+        return table
+
+    def values(
+        self, target: Callable[..., Any], table: Mapping[str, Any], where: str, more: Iterable[str]
+    ) -> dict[str, Any]:
+        """The table as arguments of `target`, checked by its signature. Keys in `more` belong to somebody else."""
+        arguments = _arguments(target)
+        self.known_keys(table, [*more, *(argument.name for argument in arguments)], where)
+        out = {}
+        for argument in arguments:
+            if argument.name in table:
+                out[argument.name] = self.value(table[argument.name], argument, where)
+            elif argument.required:
+                self.fail(where, f': "{argument.name}" is missing')
+        return out
+
+    def value(self, value: Any, argument: _Argument, where: str) -> Any:  # noqa: ANN401 (as TOML has it)
+        annotation = argument.annotation.removesuffix(" | None")
+        if choices := _LITERAL.fullmatch(annotation):
+            return self.choice(value, re.findall(r"['\"](\w+)['\"]", choices[1]), f"{where} {argument.name}")
+        kind = _KINDS[annotation]
+        if not kind.accepts(value):
+            self.fail(where, f" {argument.name} = {_shown(value)} is invalid: must be {kind.words}")
+        if annotation == "float":
+            return float(value)
+        return tuple(value) if annotation == "tuple[str, ...]" else value
+
+    def choice(self, value: object, known: Iterable[str], where: str) -> str:
+        known = list(known)
+        if not isinstance(value, str) or value not in known:
+            hint = _hint(value, known) if isinstance(value, str) else ""
+            self.fail(where, f" = {_shown(value)} is unknown{hint} (there are: {', '.join(known)})")
+        return value
+
+    def build(self, target: Callable[..., T], table: Mapping[str, Any], where: str, more: Iterable[str] = ()) -> T:
+        arguments = self.values(target, table, where, more)
+        try:
+            return target(**arguments)
+        except TrackrsError as error:
+            self.fail(where, f" {error}")
+
+    def model(self, kinds: Mapping[str, Callable[..., T]], table: Mapping[str, Any], where: str, *more: str) -> T:
+        if "type" not in table:
+            self.fail(where, f': "type" is missing (there are: {", ".join(kinds)})')
+        kind = self.choice(table["type"], kinds, f"{where} type")
+        return self.build(kinds[kind], table, where, ["type", *more])
+
+    def sensors(self, tables: Mapping[str, Any]) -> tuple[dict[str, Sensor], dict[str, tuple[str, ...]]]:
+        if not tables:
+            self.fail("[sensors]", ": names no sensor; add a table such as [sensors.radar]")
+        sensors, columns = {}, {}
+        for name, table in tables.items():
+            where = f"[sensors.{name}]"
+            if not isinstance(table, dict):
+                self.fail("", f': "sensors.{name}" must be a table, {where}, got {_shown(table)}')
+            sensor = self.model(SENSORS, table, where, "columns")
+            if "columns" not in table:
+                self.fail(where, ': "columns" is missing: name the columns of the detections, one per component')
+            names = self.value(table["columns"], _Argument("columns", "tuple[str, ...]", required=True), where)
+            if len(names) != sensor.measurement_dim:
+                labels = ", ".join(sensor.labels)
+                self.fail(where, f" columns: {len(names)} named, {sensor.measurement_dim} needed, for {labels}")
+            sensors[name], columns[name] = sensor, names
+        return sensors, columns
+
+    def tracker(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments of `MultiTargetTracker` that a file can hold: numbers, and records of numbers."""
+        where, out = "[tracker]", {}
+        given_elsewhere = {"self", "motion", "sensors", "initial"}
+        arguments = [a for a in _arguments(MultiTargetTracker.__init__) if a.name not in given_elsewhere]
+        self.known_keys(table, [argument.name for argument in arguments], where)
+        for argument in arguments:
+            name, annotation = argument.name, argument.annotation.removesuffix(" | None")
+            if name not in table:
+                if argument.required:
+                    self.fail(where, f': "{name}" is missing')
+            elif annotation in _RECORDS:
+                out[name] = self.build(_RECORDS[annotation], self.table(table, name) or {}, f"[tracker.{name}]")
+            elif name == "associator":
+                out[name] = ASSOCIATORS[self.choice(table[name], ASSOCIATORS, f"{where} {name}")]()
+            elif name == "gate":
+                out[name] = Gate(self.value(table[name], _Argument(name, "float", required=False), where))
+            else:
+                out[name] = self.value(table[name], argument, where)
+        return out
+
+    # --- what single tables cannot know ---
+
+    def check(self, config: Config, score: Mapping[str, Any]) -> None:
+        """Check what concerns several tables at once, and what the core checks when a tracker is built."""
+        layout, n = config.input, config.motion.state_dim
+        for name, sensor in config.sensors.items():
+            alone = partial(MultiTargetTracker, config.motion, {name: sensor}, MofN(1, 1, 1.0))
+            self.core(alone, f"[sensors.{name}]")
+            if layout.platform:
+                platform = np.zeros(len(layout.platform))
+                try:
+                    sensor.observe(np.full(n, 1.0), platform)
+                except DimensionError as error:
+                    self.fail("[input]", f" platform does not fit [sensors.{name}]: {error}")
+                except TrackrsError:
+                    pass  # the sensor cannot see this one state: nothing wrong with it
+            if name in layout.ignore_sensors:
+                self.fail(
+                    "[input]", f' ignore_sensors: "{name}" has a model in [sensors.{name}]; remove one of the two'
+                )
+        self.core(config.make_tracker, "[tracker]")
+        if config.score:
+            self.check_score(config, config.score, score)
+        if len(config.plot.labels) != 2:
+            self.fail("[plot]", f" labels: {len(config.plot.labels)} given, 2 needed")
+
+    def check_score(self, config: Config, score: ScoreConfig, table: Mapping[str, Any]) -> None:
+        where = "[score]"
+        alpha = 2.0 if score.metric == "ospa" else score.alpha
+        self.core(lambda: gospa([[0.0]], [[0.0]], score.c, score.p, alpha), where)
+        if score.metric == "ospa" and "alpha" in table:
+            self.fail(where, " alpha: OSPA has none; remove it")
+        if score.sensor is not None:
+            self.choice(score.sensor, config.sensors, f"{where} sensor")
+        if score.start is not None and not math.isfinite(score.start):
+            self.fail(where, f" start = {score.start} is invalid: must be finite")
+        if score.region is None:
+            return
+        if not (score.region > 0 and math.isfinite(score.region)):
+            self.fail(where, f" region = {score.region} is invalid: must be finite and positive")
+        platform = config.input.platform
+        if not platform:
+            self.fail(where, " region: needs its centre; name the platform's columns in [input] platform, or remove it")
+        if config.truth and len(config.truth.columns) != len(platform):
+            self.fail("[input]", f" platform: {len(platform)} columns, but [truth] has {len(config.truth.columns)}")
+
+    def core(self, build: Callable[[], object], where: str) -> None:
+        """Let the core check, and put its finding where the user wrote the value."""
+        try:
+            build()
+        except TrackrsError as error:
+            text = str(error)
+            culprit = text.split(" ", 1)[0]
+            if where == "[tracker]":
+                if culprit == "probability":
+                    text = text.replace(culprit, "gate", 1)
+                for argument in _arguments(MultiTargetTracker.__init__):
+                    record = _RECORDS.get(argument.annotation.removesuffix(" | None"))
+                    if record and culprit in {field.name for field in fields(record)}:
+                        where = f"[tracker.{argument.name}]"
+            self.fail(where, f" {text}")

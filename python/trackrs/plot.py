@@ -1,0 +1,266 @@
+"""Pictures of tracks. Needs matplotlib: `pip install "trackrs[plot]"`.
+
+Figures are drawn without pyplot, so that nothing global is touched: save one with `figure.savefig("tracks.png")`.
+"""
+
+from __future__ import annotations
+
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackrs.sensor import PositionSensor, RangeBearing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike, NDArray
+
+    from trackrs._arrays import FloatArray, IntArray
+    from trackrs.metric import Truth
+    from trackrs.sensor import Sensor
+    from trackrs.types import Scan, Tracks
+
+# Distinct on white, in print and for colour-blind readers (Okabe and Ito's order, without yellow and black).
+TRACK_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7B3294", "#8C510A")
+DETECTION_STYLES = (("o", "#8A8A8A"), ("+", "#B08D57"), ("x", "#7D9AAA"), ("^", "#A58AA8"))
+TRUTH_COLOUR = "#000000"
+OWN_SHIP_COLOUR = "#5A5A5A"
+FILLED = "o^"  # markers with a face
+WIDTH = 6.0  # of the picture without its legend, inches
+DPI = 150
+
+
+def detection_positions(scans: Iterable[Scan], sensors: Mapping[str, Sensor]) -> dict[str, FloatArray]:
+    """Return where the detections of each sensor lie in the plane, as `plot_tracks` takes them.
+
+    Sensors that do not measure a position (`LinearSensor`) are left out, and so are incomplete detections.
+
+    Args:
+        scans: the scans.
+        sensors: their sensors by name.
+    """
+    out: dict[str, list[FloatArray]] = {}
+    for scan in scans:
+        sensor = sensors[scan.sensor]
+        if len(scan) == 0 or not isinstance(sensor, PositionSensor | RangeBearing):
+            continue
+        origin = np.zeros(2) if scan.platform is None else scan.platform[:2]
+        if isinstance(sensor, RangeBearing):
+            reach, bearing = scan.values.T
+            points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing)], axis=1) + np.asarray(sensor.position)
+        else:
+            points = scan.values[:, :2]
+        points = points + origin
+        out.setdefault(scan.sensor, []).append(points[~np.isnan(points).any(axis=1)])
+    return {name: np.concatenate(out[name]) for name in sensors if name in out}
+
+
+def plot_tracks(
+    tracks: Tracks,
+    *,
+    detections: Mapping[str, ArrayLike] | None = None,
+    truth: Sequence[Truth] = (),
+    own_ship: ArrayLike | None = None,
+    region: float | None = None,
+    title: str = "",
+    labels: Sequence[str] = ("x (m)", "y (m)"),
+    swap_axes: bool = False,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw tracks from above: a line and an id for each, and 2-sigma ellipses at some of its scans.
+
+    Args:
+        tracks: the tracks; the first two components of the state are drawn.
+        detections: per sensor, positions (k, 2); see `detection_positions`.
+        truth: where the targets really were.
+        own_ship: (S, 2) path of the platform.
+        region: radius around the platform, metres: the picture shows what lies within it.
+        title: of the picture.
+        labels: of the first and second component of the state.
+        swap_axes: draw the first component upwards and the second to the right, as suits north and east.
+        ax: draw here instead of in a new figure.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ImportError: matplotlib is not installed; the message says how to.
+    """
+    own = ax is None
+    ax = _new_axes() if ax is None else ax
+    right, up = (1, 0) if swap_axes else (0, 1)
+    path = None if own_ship is None else np.asarray(own_ship, dtype=np.float64)
+
+    for (marker, colour), (name, points) in zip(cycle(DETECTION_STYLES), (detections or {}).items(), strict=False):
+        xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        style: dict[str, Any] = {"linewidths": 0.6, "alpha": 0.55, "zorder": 1}
+        if marker in FILLED:
+            ax.scatter(
+                xy[:, right], xy[:, up], 9, marker=marker, facecolors="none", edgecolors=colour, label=name, **style
+            )
+        else:
+            ax.scatter(xy[:, right], xy[:, up], 12, marker=marker, color=colour, label=name, **style)
+    for colour, number in zip(cycle(TRACK_COLOURS), np.unique(tracks.ids), strict=False):
+        _draw_track(ax, tracks, np.flatnonzero(tracks.ids == number), colour, right, up)
+    for k, target in enumerate(truth):
+        x, y = target.positions[:, right], target.positions[:, up]
+        ax.plot(x, y, "--", color=TRUTH_COLOUR, linewidth=1.0, zorder=4, label="" if k else "truth")
+        ax.plot(x[0], y[0], "o", markersize=4, color=TRUTH_COLOUR, zorder=4)
+    if path is not None:
+        ax.plot(path[:, right], path[:, up], color=OWN_SHIP_COLOUR, linewidth=2.4, zorder=2, label="own ship")
+        ax.plot(path[-1, right], path[-1, up], "D", markersize=5, color=OWN_SHIP_COLOUR, zorder=2)
+    _set_limits(ax, tracks, detections or {}, truth, path, region, right, up)
+    _decorate(ax, region is not None and path is not None)
+    ax.set_xlabel(labels[right])
+    ax.set_ylabel(labels[up])
+    ax.set_title(title, loc="left", fontsize="medium")
+    figure: Any = ax.figure  # a subfigure, perhaps
+    if own:
+        _fit(figure, ax)
+    return figure  # type: ignore[no-any-return]
+
+
+def _new_axes() -> Axes:
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (only pictures need it)
+        from matplotlib.figure import Figure  # noqa: PLC0415
+        from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415
+    except ImportError:
+        raise ImportError('pictures need matplotlib: pip install "trackrs[plot]"', name="matplotlib") from None
+    figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12), dpi=DPI)
+    FigureCanvasAgg(figure)
+    return figure.add_subplot()
+
+
+def _draw_track(ax: Axes, tracks: Tracks, rows: IntArray, colour: str, right: int, up: int) -> None:
+    """Line, ellipses that do not overlap, and the id where the track ends."""
+    from matplotlib.patches import Ellipse  # noqa: PLC0415
+    from matplotlib.patheffects import withStroke  # noqa: PLC0415
+
+    xy = tracks.means[rows][:, [right, up]]
+    covs = tracks.covs[rows][:, [right, up]][:, :, [right, up]]
+    ax.plot(xy[:, 0], xy[:, 1], color=colour, linewidth=1.6, zorder=5)
+    drawn, reach = None, 0.0
+    for centre, cov in zip(xy[::-1], covs[::-1], strict=True):
+        variances, axes = np.linalg.eigh(cov)
+        semi = 2.0 * np.sqrt(np.maximum(variances, 0.0))
+        if drawn is not None and np.hypot(*(centre - drawn)) < reach + semi[1]:
+            continue
+        drawn, reach = centre, semi[1]
+        angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
+        style: dict[str, Any] = {"facecolor": (colour, 0.18), "edgecolor": (colour, 0.7), "linewidth": 0.7}
+        ax.add_patch(Ellipse((centre[0], centre[1]), 2 * semi[1], 2 * semi[0], angle=angle, zorder=3, **style))
+    heading = xy[-1] - xy[max(len(xy) - 5, 0)]
+    length = float(np.hypot(*heading))
+    offset = 9.0 * heading / length if length > 0 else np.array([7.0, 7.0])
+    ax.annotate(
+        str(tracks.ids[rows[0]]),
+        (xy[-1, 0], xy[-1, 1]),
+        xytext=(offset[0], offset[1]),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        color=colour,
+        fontsize=9,
+        fontweight="bold",
+        zorder=7,
+        clip_on=True,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )
+
+
+def _set_limits(
+    ax: Axes,
+    tracks: Tracks,
+    detections: Mapping[str, ArrayLike],
+    truth: Sequence[Truth],
+    path: FloatArray | None,
+    region: float | None,
+    right: int,
+    up: int,
+) -> None:
+    """Show tracks and truth, those in the region if there is one; detections only where there is nothing else."""
+    parts = [tracks.means[:, :2], *(target.positions[:, :2] for target in truth)]
+    if path is not None and region is not None:
+        parts = [part[_within(path[:, :2], region, part)] for part in parts]
+    parts += [] if path is None else [path[:, :2]]
+    if not any(len(part) for part in parts):
+        parts = [np.asarray(points, dtype=np.float64).reshape(-1, 2) for points in detections.values()]
+    points = np.concatenate([*parts, np.zeros((0, 2))])
+    if len(points) == 0:
+        points = np.zeros((1, 2))
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.07 * max(float((high - low).max()), 1.0)
+    low, high = low - margin, high + margin
+    ax.set_xlim(low[right], high[right])
+    ax.set_ylim(low[up], high[up])
+    ax.set_aspect("equal", adjustable="box")
+    if path is not None and region is not None:
+        _draw_region(ax, path[:, [right, up]], region)
+
+
+def _within(path: FloatArray, region: float, points: FloatArray) -> NDArray[np.bool_]:
+    """Which points were ever within the region."""
+    near = np.zeros(len(points), dtype=np.bool_)
+    for own in path[:: max(len(path) // 100, 1)]:
+        near |= np.hypot(*(points - own).T) <= region
+    return near
+
+
+def _draw_region(ax: Axes, path: FloatArray, region: float) -> None:
+    """The outline of all points that were ever within the region."""
+    x, y = np.linspace(*ax.get_xlim(), 200), np.linspace(*ax.get_ylim(), 200)
+    grid = np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
+    inside = np.min([np.hypot(*(grid - own).T) for own in path[:: max(len(path) // 100, 1)]], axis=0).reshape(200, 200)
+    if inside.min() < region < inside.max():
+        style = {"colors": OWN_SHIP_COLOUR, "linewidths": 0.9, "linestyles": "dotted"}
+        ax.contour(x, y, inside, levels=[region], zorder=2, **style)
+
+
+def _decorate(ax: Axes, region: bool) -> None:
+    """Grid, and a legend beside the picture."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    handles, names = ax.get_legend_handles_labels()
+    handles.append(Line2D([], [], color=TRACK_COLOURS[0], linewidth=1.6))
+    names.append("track and its id")
+    handles.append(
+        Line2D(
+            [],
+            [],
+            marker="o",
+            linestyle="",
+            markersize=9,
+            markerfacecolor=TRACK_COLOURS[0] + "30",
+            color=TRACK_COLOURS[0],
+        )
+    )
+    names.append("2 sigma")
+    if region:
+        handles.append(Line2D([], [], color=OWN_SHIP_COLOUR, linewidth=0.8, linestyle="dotted"))
+        names.append("region")
+    ax.legend(
+        handles,
+        names,
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        borderaxespad=0.0,
+        frameon=False,
+        fontsize=8,
+        markerscale=1.4,
+    )
+    ax.grid(color="#E3E3E3", linewidth=0.5, zorder=0)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(labelsize=8)
+
+
+def _fit(figure: Figure, ax: Axes) -> None:
+    """Give the figure the shape of what it shows, legend included."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    height = min(max(WIDTH * (top - bottom) / (right - left), 3.0), 9.0)
+    figure.set_size_inches(WIDTH + 1.9, height + 0.7)

@@ -1,0 +1,281 @@
+"""Records that go in and come out: states, scans, updates, runs, tracks. All are frozen; their arrays are read-only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackrs._arrays import FloatArray, IntArray, frozen, frozen_array
+from trackrs.errors import DimensionError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GaussianState:
+    """A Gaussian estimate of a state at one time.
+
+    Args:
+        mean: state vector (n,), block order: positions, velocities, accelerations; SI units.
+        cov: its covariance (n, n).
+        time: when it holds, seconds.
+
+    Raises:
+        DimensionError: the shapes do not agree.
+
+    Example:
+        >>> import trackrs as tr
+        >>> tr.GaussianState([0.0, 1.0], [[4.0, 0.0], [0.0, 1.0]]).std
+        array([2., 1.])
+    """
+
+    mean: FloatArray
+    cov: FloatArray
+    time: float = 0.0
+
+    def __init__(self, mean: ArrayLike, cov: ArrayLike, time: float = 0.0) -> None:
+        """Check the shapes and copy the arrays."""
+        object.__setattr__(self, "mean", frozen_array(mean, "mean", 1))
+        object.__setattr__(self, "cov", frozen_array(cov, "cov", 2))
+        object.__setattr__(self, "time", float(time))
+        n = self.mean.shape[0]
+        if self.cov.shape != (n, n):
+            msg = f"cov has shape {self.cov.shape}, the mean of length {n} needs ({n}, {n})"
+            raise DimensionError(msg)
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of every component (n,)."""
+        return np.sqrt(np.diagonal(self.cov))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """Everything one sensor reports at one time.
+
+    Args:
+        time: seconds.
+        values: reports (k, m); k = 0 is an empty scan: the sensor looked and saw nothing. NaN = component not observed.
+        sensor: name of the sensor, as the tracker knows it.
+        platform: position of the moving body that carries the sensor (d,), if it moves.
+
+    Raises:
+        DimensionError: `values` is not two-dimensional.
+    """
+
+    time: float
+    values: FloatArray
+    sensor: str
+    platform: FloatArray | None = None
+
+    def __init__(self, time: float, values: ArrayLike, sensor: str, platform: ArrayLike | None = None) -> None:
+        """Copy the arrays."""
+        rows = np.zeros((0, 0)) if np.size(values) == 0 else values
+        object.__setattr__(self, "time", float(time))
+        object.__setattr__(self, "values", frozen_array(rows, "values", 2))
+        object.__setattr__(self, "sensor", str(sensor))
+        object.__setattr__(self, "platform", None if platform is None else frozen_array(platform, "platform", 1))
+
+    def __len__(self) -> int:
+        """Return the number of reports."""
+        return self.values.shape[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Update:
+    """Result of one measurement update.
+
+    Attributes:
+        posterior: the estimate after the measurement.
+        innovation: measured minus predicted (m,), angles wrapped; NaN where not observed.
+        innovation_cov: its covariance S (m, m).
+        whitened: L⁻¹ × innovation with S = L Lᵀ over the observed components (m,).
+        nis: normalised innovation squared; chi-square with `dof` degrees of freedom if the model is right.
+        dof: number of observed components.
+        log_likelihood: ln N(innovation; 0, S).
+    """
+
+    posterior: GaussianState
+    innovation: FloatArray
+    innovation_cov: FloatArray
+    whitened: FloatArray
+    nis: float
+    dof: int
+    log_likelihood: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterRun:
+    """Result of a filter over T measurements. With `history="last"` the sequences have length 1.
+
+    Attributes:
+        times: (T,) seconds.
+        means, covs: estimates after each measurement, (T, n) and (T, n, n).
+        predicted_means, predicted_covs: estimates before it; empty unless `history="full"`.
+        innovations, innovation_covs: (T, m) and (T, m, m); NaN where not observed.
+        nis: (T,), NaN where nothing was observed.
+        dof: (T,) observed components.
+        log_likelihood: sum over all measurements.
+        labels: names of the state's components.
+    """
+
+    times: FloatArray
+    means: FloatArray
+    covs: FloatArray
+    predicted_means: FloatArray
+    predicted_covs: FloatArray
+    innovations: FloatArray
+    innovation_covs: FloatArray
+    nis: FloatArray
+    dof: IntArray
+    log_likelihood: float
+    labels: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Return the number of times kept."""
+        return self.times.shape[0]
+
+    def __getitem__(self, index: int) -> GaussianState:
+        """Return the estimate after measurement `index`."""
+        return GaussianState(self.means[index], self.covs[index], self.times[index])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A confirmed track at one time.
+
+    Attributes:
+        id: identity, unique within its tracker.
+        state: the estimate.
+        last_hit: time of the last report given to the track, seconds.
+        hits: reports given to it so far.
+    """
+
+    id: int
+    state: GaussianState
+    last_hit: float
+    hits: int
+
+    @property
+    def coasting(self) -> bool:
+        """Whether the estimate is a prediction only."""
+        return self.last_hit < self.state.time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """Confirmed tracks over the scans of a run: one row per track and scan, in the order of the scans.
+
+    Attributes:
+        scan_times: (S,) time of every scan, also of those without a track.
+        sensors: (S,) their sensors.
+        times, ids: (N,) time and identity of every row.
+        means, covs: (N, n) and (N, n, n).
+        last_hits: (N,) time of the last report given to the track.
+        hits: (N,) reports given to it so far.
+        labels: names of the state's components.
+    """
+
+    scan_times: FloatArray
+    sensors: tuple[str, ...]
+    times: FloatArray
+    ids: NDArray[np.uint64]
+    means: FloatArray
+    covs: FloatArray
+    last_hits: FloatArray
+    hits: NDArray[np.uint64]
+    labels: tuple[str, ...]
+    offsets: IntArray = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return self.times.shape[0]
+
+    def __iter__(self) -> Iterator[Track]:
+        """Iterate over the rows as `Track` records."""
+        return (self._track(i) for i in range(len(self)))
+
+    def _track(self, row: int) -> Track:
+        state = GaussianState(self.means[row], self.covs[row], self.times[row])
+        return Track(int(self.ids[row]), state, float(self.last_hits[row]), int(self.hits[row]))
+
+    def at(self, time: float) -> list[Track]:
+        """Return the tracks after the last scan at or before `time`; none before the first scan."""
+        scan = int(np.searchsorted(self.scan_times, time, side="right")) - 1
+        return [] if scan < 0 else self.of_scan(scan)
+
+    def of_scan(self, scan: int) -> list[Track]:
+        """Return the tracks after scan number `scan`."""
+        return [self._track(row) for row in range(int(self.offsets[scan]), int(self.offsets[scan + 1]))]
+
+    @property
+    def history(self) -> dict[int, list[Track]]:
+        """Every track's estimates in the order of time, by id."""
+        return {int(i): [self._track(row) for row in np.flatnonzero(self.ids == i)] for i in np.unique(self.ids)}
+
+    def to_table(self) -> dict[str, NDArray[Any]]:
+        """Return a tidy table as a dictionary of columns, one row per track and scan.
+
+        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, and one `cov_a_b` per element of the
+        covariance's lower triangle. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
+        """
+        rows_per_scan = np.diff(self.offsets)
+        table: dict[str, NDArray[Any]] = {
+            "time": self.times,
+            "sensor": np.repeat(np.array(self.sensors, dtype=np.str_), rows_per_scan),
+            "track": self.ids,
+        }
+        table |= {label: self.means[:, i] for i, label in enumerate(self.labels)}
+        table |= {"last_hit": self.last_hits, "hits": self.hits}
+        for i, a in enumerate(self.labels):
+            for j, b in enumerate(self.labels[: i + 1]):
+                table[f"cov_{a}_{b}"] = self.covs[:, i, j]
+        return table
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something a tracker refused, repaired or received late.
+
+    Attributes:
+        code: what happened, for example `late_scan`, `non_finite`, `duplicate`, `track_skipped`.
+        time: time of the scan, seconds.
+        sensor: its sensor.
+        row: row of the scan, where the event is about one row.
+        reason: in words.
+    """
+
+    code: str
+    time: float
+    sensor: str
+    row: int | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """Where every row went: `rows_in == used + late + duplicate + sum(rejected.values())`, always.
+
+    Attributes:
+        rows_in: rows received.
+        used: rows that took part in tracking.
+        late: rows of scans older than the tracker's time.
+        duplicate: rows received before.
+        rejected: rows dropped for another reason, by event code.
+    """
+
+    rows_in: int
+    used: int
+    late: int
+    duplicate: int
+    rejected: Mapping[str, int]
+
+
+def freeze_columns(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Make every array of a result read-only."""
+    return {key: frozen(value) if isinstance(value, np.ndarray) else value for key, value in columns.items()}

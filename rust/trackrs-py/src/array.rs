@@ -1,0 +1,106 @@
+//! NumPy arrays in and out. The facade hands over C-contiguous float64; anything else is refused by name.
+
+use nalgebra::{DMatrix, DVector};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use trackrs::Gaussian;
+
+use crate::error::exception;
+
+fn refuse(py: Python<'_>, name: &str) -> PyErr {
+    exception(
+        py,
+        "DimensionError",
+        format!("{name} must be a C-contiguous, aligned float64 array"),
+    )
+}
+
+/// A vector.
+pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<DVector<f64>> {
+    if !array.is_c_contiguous() {
+        return Err(refuse(array.py(), name));
+    }
+    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    Ok(DVector::from_row_slice(slice))
+}
+
+/// A matrix. `as_slice` alone would also take Fortran order and so transpose it.
+pub(crate) fn matrix(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<DMatrix<f64>> {
+    if !array.is_c_contiguous() {
+        return Err(refuse(array.py(), name));
+    }
+    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let shape = array.shape();
+    Ok(DMatrix::from_row_slice(shape[0], shape[1], slice))
+}
+
+/// The rows of a matrix as vectors.
+pub(crate) fn rows(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Vec<DVector<f64>>> {
+    if !array.is_c_contiguous() {
+        return Err(refuse(array.py(), name));
+    }
+    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let width = array.shape()[1];
+    if width == 0 {
+        return Ok(vec![DVector::zeros(0); array.shape()[0]]);
+    }
+    Ok(slice.chunks_exact(width).map(DVector::from_row_slice).collect())
+}
+
+/// The symmetric matrices of an array (k, n, n).
+pub(crate) fn matrices(array: &PyReadonlyArray3<'_, f64>, name: &str) -> PyResult<Vec<DMatrix<f64>>> {
+    if !array.is_c_contiguous() {
+        return Err(refuse(array.py(), name));
+    }
+    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let (rows, columns) = (array.shape()[1], array.shape()[2]);
+    let size = (rows * columns).max(1);
+    Ok(slice
+        .chunks_exact(size)
+        .map(|part| DMatrix::from_row_slice(rows, columns, part))
+        .collect())
+}
+
+/// A checked Gaussian.
+pub(crate) fn gaussian(mean: &PyReadonlyArray1<'_, f64>, cov: &PyReadonlyArray2<'_, f64>) -> PyResult<Gaussian> {
+    let (mean_, cov_) = (vector(mean, "mean")?, matrix(cov, "cov")?);
+    Gaussian::new(mean_, cov_).map_err(|error| crate::error::to_python(mean.py(), &error))
+}
+
+/// A vector out.
+pub(crate) fn from_vector<'py>(py: Python<'py>, vector: &DVector<f64>) -> Bound<'py, PyArray1<f64>> {
+    PyArray1::from_slice(py, vector.as_slice())
+}
+
+/// A matrix out, row-major.
+pub(crate) fn from_matrix<'py>(py: Python<'py>, matrix: &DMatrix<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let values = matrix.transpose().as_slice().to_vec();
+    PyArray1::from_vec(py, values).reshape([matrix.nrows(), matrix.ncols()])
+}
+
+/// Vectors of one length out, as the rows of an array (k, n).
+pub(crate) fn from_rows<'py, 'a>(
+    py: Python<'py>,
+    rows: impl ExactSizeIterator<Item = &'a DVector<f64>>,
+    width: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let count = rows.len();
+    let mut values = Vec::with_capacity(count * width);
+    rows.for_each(|row| values.extend_from_slice(row.as_slice()));
+    PyArray1::from_vec(py, values).reshape([count, width])
+}
+
+/// Symmetric matrices of one size out, as an array (k, n, n).
+pub(crate) fn from_symmetric<'py, 'a>(
+    py: Python<'py>,
+    matrices: impl ExactSizeIterator<Item = &'a DMatrix<f64>>,
+    size: usize,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let count = matrices.len();
+    let mut values = Vec::with_capacity(count * size * size);
+    matrices.for_each(|matrix| values.extend_from_slice(matrix.as_slice()));
+    PyArray1::from_vec(py, values).reshape([count, size, size])
+}

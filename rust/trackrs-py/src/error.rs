@@ -1,0 +1,56 @@
+//! `trackrs::Error` to the exceptions of `trackrs.errors`, and panics to `InternalError`.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+use trackrs::Error;
+
+static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+
+/// The exception of this name in `trackrs.errors`.
+pub(crate) fn exception(py: Python<'_>, name: &str, message: String) -> PyErr {
+    let module = MODULE.get_or_try_init(py, || Ok::<_, PyErr>(py.import("trackrs.errors")?.unbind()));
+    let class = module.and_then(|m| Ok(m.bind(py).getattr(name)?.cast_into::<PyType>()?));
+    match class {
+        Ok(class) => PyErr::from_type(class, message),
+        Err(error) => error,
+    }
+}
+
+/// The exception for an error of the core.
+pub(crate) fn to_python(py: Python<'_>, error: &Error) -> PyErr {
+    let name = match error {
+        Error::NotPositiveDefinite { .. } => "NotPositiveDefiniteError",
+        Error::DimensionMismatch { .. } => "DimensionError",
+        Error::NonFinite { .. } => "NonFiniteError",
+        Error::InvalidParameter { .. } => "ParameterError",
+        Error::TimeReversed { .. } => "TimeError",
+        Error::UnknownSensor { .. } => "UnknownSensorError",
+        Error::Unobservable { .. } => "UnobservableError",
+        Error::CorruptState { .. } | Error::CannotSave { .. } => "StateError",
+        Error::Strict { .. } => "StrictError",
+        _ => "InternalError",
+    };
+    exception(py, name, error.to_string())
+}
+
+/// Runs `work` with the interpreter released. Errors and panics become exceptions.
+pub(crate) fn compute<T: Send>(py: Python<'_>, work: impl FnOnce() -> trackrs::Result<T> + Send) -> PyResult<T> {
+    match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => Err(to_python(py, &error)),
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let text = text
+                .or_else(|| panic.downcast_ref::<&str>().copied())
+                .unwrap_or("panic");
+            Err(exception(
+                py,
+                "InternalError",
+                format!("internal error, please report it: {text}"),
+            ))
+        }
+    }
+}

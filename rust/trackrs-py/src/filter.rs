@@ -1,0 +1,183 @@
+//! Filters over one sequence.
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use trackrs::Gaussian;
+use trackrs::filter::sequence::{self, FilterRun, History, InitialState};
+use trackrs::model::{Motion as _, Sensor as _};
+
+use crate::array;
+use crate::error::compute;
+use crate::model::{Motion, Sensor};
+
+/// Rows between two looks for Ctrl-C.
+const CHUNK: usize = 4096;
+
+#[pyclass(frozen, module = "trackrs._trackrs")]
+pub(crate) struct Filter {
+    filter: sequence::Filter,
+}
+
+/// Mean and covariance.
+type Moments<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// What an update gives.
+#[derive(IntoPyObject)]
+pub(crate) struct Update<'py> {
+    mean: Bound<'py, PyArray1<f64>>,
+    cov: Bound<'py, PyArray2<f64>>,
+    innovation: Bound<'py, PyArray1<f64>>,
+    innovation_cov: Bound<'py, PyArray2<f64>>,
+    whitened: Bound<'py, PyArray1<f64>>,
+    nis: f64,
+    dof: usize,
+    log_likelihood: f64,
+}
+
+/// What a run gives.
+#[derive(IntoPyObject)]
+pub(crate) struct Run<'py> {
+    means: Bound<'py, PyArray2<f64>>,
+    covs: Bound<'py, PyArray3<f64>>,
+    predicted_means: Bound<'py, PyArray2<f64>>,
+    predicted_covs: Bound<'py, PyArray3<f64>>,
+    innovations: Bound<'py, PyArray2<f64>>,
+    innovation_covs: Bound<'py, PyArray3<f64>>,
+    nis: Bound<'py, PyArray1<f64>>,
+    dof: Bound<'py, PyArray1<i64>>,
+    log_likelihood: f64,
+}
+
+#[pymethods]
+impl Filter {
+    #[staticmethod]
+    fn kalman(py: Python<'_>, motion: &Motion, sensor: &Sensor) -> PyResult<Self> {
+        let filter = compute(py, || {
+            sequence::Filter::kalman(motion.model.clone(), sensor.model.clone())
+        })?;
+        Ok(Self { filter })
+    }
+
+    #[staticmethod]
+    fn extended(py: Python<'_>, motion: &Motion, sensor: &Sensor) -> PyResult<Self> {
+        let filter = compute(py, || {
+            sequence::Filter::extended(motion.model.clone(), sensor.model.clone())
+        })?;
+        Ok(Self { filter })
+    }
+
+    #[pyo3(signature = (mean, cov, dt, input=None))]
+    fn predict<'py>(
+        &self,
+        py: Python<'py>,
+        mean: PyReadonlyArray1<'py, f64>,
+        cov: PyReadonlyArray2<'py, f64>,
+        dt: f64,
+        input: Option<PyReadonlyArray1<'py, f64>>,
+    ) -> PyResult<Moments<'py>> {
+        let state = array::gaussian(&mean, &cov)?;
+        let input = input.map(|u| array::vector(&u, "input")).transpose()?;
+        let out = compute(py, || self.filter.predict(&state, dt, input.as_ref()))?;
+        Ok((array::from_vector(py, &out.mean), array::from_matrix(py, &out.cov)?))
+    }
+
+    #[pyo3(signature = (mean, cov, value, platform=None))]
+    fn update<'py>(
+        &self,
+        py: Python<'py>,
+        mean: PyReadonlyArray1<'py, f64>,
+        cov: PyReadonlyArray2<'py, f64>,
+        value: PyReadonlyArray1<'py, f64>,
+        platform: Option<PyReadonlyArray1<'py, f64>>,
+    ) -> PyResult<Update<'py>> {
+        let state = array::gaussian(&mean, &cov)?;
+        let value = array::vector(&value, "value")?;
+        let platform = platform.map(|p| array::vector(&p, "platform")).transpose()?;
+        let out = compute(py, || self.filter.update(&state, &value, platform.as_ref()))?;
+        Ok(Update {
+            mean: array::from_vector(py, &out.posterior.mean),
+            cov: array::from_matrix(py, &out.posterior.cov)?,
+            innovation: array::from_vector(py, &out.innovation),
+            innovation_cov: array::from_matrix(py, &out.innovation_cov)?,
+            whitened: array::from_vector(py, &out.whitened),
+            nis: out.nis,
+            dof: out.dof,
+            log_likelihood: out.log_likelihood,
+        })
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (times, values, mean, cov, time, history, inputs=None))]
+    fn run<'py>(
+        &self,
+        py: Python<'py>,
+        times: PyReadonlyArray1<'py, f64>,
+        values: PyReadonlyArray2<'py, f64>,
+        mean: PyReadonlyArray1<'py, f64>,
+        cov: PyReadonlyArray2<'py, f64>,
+        time: f64,
+        history: &str,
+        inputs: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Run<'py>> {
+        let times = array::vector(&times, "times")?;
+        let values = array::rows(&values, "values")?;
+        let inputs = inputs.map(|u| array::rows(&u, "inputs")).transpose()?;
+        let mut initial = InitialState {
+            time,
+            state: array::gaussian(&mean, &cov)?,
+        };
+        let history = match history {
+            "full" => History::Full,
+            "filtered" => History::Filtered,
+            "last" => History::Last,
+            other => {
+                let error = trackrs::Error::invalid("history", other, "must be full, filtered or last");
+                return Err(crate::error::to_python(py, &error));
+            }
+        };
+        let inputs = inputs.as_deref();
+        compute(py, || self.filter.check(times.as_slice(), &values, &initial, inputs))?;
+        let mut run = FilterRun::default();
+        for from in (0..times.len()).step_by(CHUNK) {
+            let part = from..(from + CHUNK).min(times.len());
+            let inputs = inputs.map(|u| &u[part.clone()]);
+            let piece = compute(py, || {
+                self.filter.run(
+                    &times.as_slice()[part.clone()],
+                    &values[part.clone()],
+                    &initial,
+                    inputs,
+                    history,
+                )
+            })?;
+            if let Some(last) = piece.filtered.last() {
+                initial = InitialState {
+                    time: times[part.end - 1],
+                    state: last.clone(),
+                };
+            }
+            run.append(piece, history);
+            py.check_signals()?;
+        }
+        self.to_python(py, &run)
+    }
+}
+
+impl Filter {
+    fn to_python<'py>(&self, py: Python<'py>, run: &FilterRun) -> PyResult<Run<'py>> {
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        let means = |list: &'_ [Gaussian]| array::from_rows(py, list.iter().map(|g| &g.mean), n);
+        let covs = |list: &'_ [Gaussian]| array::from_symmetric(py, list.iter().map(|g| &g.cov), n);
+        Ok(Run {
+            means: means(&run.filtered)?,
+            covs: covs(&run.filtered)?,
+            predicted_means: means(&run.predicted)?,
+            predicted_covs: covs(&run.predicted)?,
+            innovations: array::from_rows(py, run.innovations.iter(), m)?,
+            innovation_covs: array::from_symmetric(py, run.innovation_covs.iter(), m)?,
+            nis: PyArray1::from_slice(py, &run.nis),
+            dof: PyArray1::from_iter(py, run.dof.iter().map(|&d| i64::try_from(d).unwrap_or(i64::MAX))),
+            log_likelihood: run.log_likelihood,
+        })
+    }
+}

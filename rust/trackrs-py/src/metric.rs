@@ -1,0 +1,198 @@
+//! Scores.
+
+use nalgebra::DVector;
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use trackrs::Track;
+use trackrs::metric::evaluate::{self as core, FrameScore, Scoring, TargetScore, TruthPath};
+use trackrs::metric::{consistency, gospa as gospa_, ospa as ospa_};
+
+use crate::array;
+use crate::error::{compute, to_python};
+
+#[derive(IntoPyObject)]
+pub(crate) struct Ospa {
+    total: f64,
+    localisation: f64,
+    cardinality: f64,
+}
+
+#[pyfunction]
+pub(crate) fn ospa(
+    py: Python<'_>,
+    x: PyReadonlyArray2<'_, f64>,
+    y: PyReadonlyArray2<'_, f64>,
+    cutoff: f64,
+    order: f64,
+) -> PyResult<Ospa> {
+    let (x, y) = (array::matrix(&x, "x")?, array::matrix(&y, "y")?);
+    let out = compute(py, || ospa_::ospa(&x, &y, cutoff, order))?;
+    Ok(Ospa {
+        total: out.total,
+        localisation: out.localisation,
+        cardinality: out.cardinality,
+    })
+}
+
+#[derive(IntoPyObject)]
+pub(crate) struct Gospa {
+    total: f64,
+    localisation: f64,
+    missed: f64,
+    false_tracks: f64,
+    pairs: Vec<(usize, usize, f64)>,
+}
+
+#[pyfunction]
+pub(crate) fn gospa(
+    py: Python<'_>,
+    truth: PyReadonlyArray2<'_, f64>,
+    estimates: PyReadonlyArray2<'_, f64>,
+    cutoff: f64,
+    order: f64,
+    alpha: f64,
+) -> PyResult<Gospa> {
+    let (x, y) = (array::matrix(&truth, "truth")?, array::matrix(&estimates, "estimates")?);
+    let out = compute(py, || gospa_::gospa(&x, &y, cutoff, order, alpha))?;
+    Ok(Gospa {
+        total: out.total,
+        localisation: out.localisation,
+        missed: out.missed,
+        false_tracks: out.false_tracks,
+        pairs: out.pairs.iter().map(|p| (p.truth, p.estimate, p.distance)).collect(),
+    })
+}
+
+#[pyfunction]
+pub(crate) fn nees<'py>(
+    py: Python<'py>,
+    errors: PyReadonlyArray2<'py, f64>,
+    covs: PyReadonlyArray3<'py, f64>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let matrix = array::matrix(&errors, "errors")?;
+    let covs = array::matrices(&covs, "covs")?;
+    let out = compute(py, || consistency::nees(&matrix, &covs))?;
+    Ok(PyArray1::from_vec(py, out))
+}
+
+/// One column per quantity, one entry per frame; and the summary.
+#[derive(IntoPyObject)]
+pub(crate) struct Evaluation<'py> {
+    targets: Bound<'py, PyArray1<i64>>,
+    tracks: Bound<'py, PyArray1<i64>>,
+    gospa: Bound<'py, PyArray1<f64>>,
+    localisation: Bound<'py, PyArray1<f64>>,
+    missed: Bound<'py, PyArray1<f64>>,
+    false_tracks: Bound<'py, PyArray1<f64>>,
+    ospa: Bound<'py, PyArray1<f64>>,
+    all_held: f64,
+    switches: usize,
+    false_ids: Vec<u64>,
+    false_per_minute: f64,
+    rmse: f64,
+    nees: f64,
+    per_target: Vec<Target>,
+}
+
+#[derive(IntoPyObject)]
+pub(crate) struct Target {
+    id: String,
+    present: usize,
+    held: usize,
+    fragments: usize,
+    switches: usize,
+    longest: f64,
+}
+
+impl From<TargetScore> for Target {
+    fn from(t: TargetScore) -> Self {
+        Self {
+            id: t.id,
+            present: t.present,
+            held: t.held,
+            fragments: t.fragments,
+            switches: t.switches,
+            longest: t.longest,
+        }
+    }
+}
+
+/// Truth as (id, times, positions); frames as their times, offsets into the track arrays, and centres if any.
+#[allow(clippy::too_many_arguments)]
+#[pyfunction]
+#[pyo3(signature = (truth, times, offsets, ids, means, covs, cutoff, order, alpha, centres=None, region=None))]
+pub(crate) fn evaluate<'py>(
+    py: Python<'py>,
+    truth: Vec<(String, PyReadonlyArray1<'py, f64>, PyReadonlyArray2<'py, f64>)>,
+    times: PyReadonlyArray1<'py, f64>,
+    offsets: Vec<usize>,
+    ids: Vec<u64>,
+    means: PyReadonlyArray2<'py, f64>,
+    covs: PyReadonlyArray3<'py, f64>,
+    cutoff: f64,
+    order: f64,
+    alpha: f64,
+    centres: Option<PyReadonlyArray2<'py, f64>>,
+    region: Option<f64>,
+) -> PyResult<Evaluation<'py>> {
+    let mut paths = Vec::new();
+    for (id, times, positions) in truth {
+        let (times, positions) = (
+            array::vector(&times, "truth times")?,
+            array::rows(&positions, "truth positions")?,
+        );
+        let path = TruthPath::new(id, times.as_slice().to_vec(), positions).map_err(|error| to_python(py, &error))?;
+        paths.push(path);
+    }
+    let centres = centres.map(|c| array::rows(&c, "centres")).transpose()?;
+    let (n, times) = (means.shape()[1], array::vector(&times, "times")?);
+    let (means, covs) = (array::rows(&means, "means")?, array::matrices(&covs, "covs")?);
+    let frame = |(k, &time): (usize, &f64)| core::Frame {
+        time,
+        tracks: (offsets[k]..offsets[k + 1])
+            .map(|i| Track {
+                id: ids[i],
+                time,
+                state: trackrs::Gaussian {
+                    mean: means[i].clone(),
+                    cov: covs[i].clone(),
+                },
+                last_hit: time,
+                hits: 0,
+            })
+            .collect(),
+        centre: centres.as_ref().map(|c: &Vec<DVector<f64>>| c[k].clone()),
+    };
+    debug_assert!(means.iter().all(|m| m.len() == n));
+    let frames: Vec<core::Frame> = times.iter().enumerate().map(frame).collect();
+    let scoring = Scoring {
+        cutoff,
+        order,
+        alpha,
+        region,
+    };
+    let out = compute(py, || core::evaluate(&paths, &frames, &scoring))?;
+    let real = |part: fn(&FrameScore) -> f64| PyArray1::from_iter(py, out.frames.iter().map(part));
+    let count = |part: fn(&FrameScore) -> usize| {
+        PyArray1::from_iter(
+            py,
+            out.frames.iter().map(|f| i64::try_from(part(f)).unwrap_or(i64::MAX)),
+        )
+    };
+    Ok(Evaluation {
+        targets: count(|f| f.targets),
+        tracks: count(|f| f.tracks),
+        gospa: real(|f| f.gospa.total),
+        localisation: real(|f| f.gospa.localisation),
+        missed: real(|f| f.gospa.missed),
+        false_tracks: real(|f| f.gospa.false_tracks),
+        ospa: real(|f| f.ospa.total),
+        all_held: out.all_held,
+        switches: out.switches,
+        false_per_minute: out.false_per_minute,
+        rmse: out.rmse,
+        nees: out.nees,
+        per_target: out.targets.iter().cloned().map(Target::from).collect(),
+        false_ids: out.false_ids.clone(),
+    })
+}

@@ -1,0 +1,215 @@
+//! Events: what the tracker refused, repaired or received late, typed and counted; and the ledger of rows.
+//!
+//! Every row that comes in is used, rejected for a reason, late, or a duplicate: [`Ledger::check`] asserts
+//! `rows_in = used + rejected + late + duplicate`.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// How many events are kept in full; all are counted.
+pub const RECENT_EVENTS: usize = 1000;
+
+/// What happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum EventCode {
+    /// A scan older than the tracker's time was dropped.
+    LateScan,
+    /// A scan with the content of the sensor's last one, or a row twice in one scan, was dropped.
+    Duplicate,
+    /// A scan of a sensor that the tracker does not have was dropped.
+    UnknownSensor,
+    /// A scan's time or platform position is not finite or has the wrong size; its rows were dropped.
+    BadScan,
+    /// A row with an infinite value was dropped.
+    NonFinite,
+    /// A row of the wrong length was dropped.
+    WrongSize,
+    /// A row with no observed component was dropped.
+    NotObserved,
+    /// A track could not be compared with the scan (covariance not positive definite, or target on the sensor);
+    /// its prediction was kept.
+    TrackSkipped,
+    /// Tracks were ended because their prediction is not finite.
+    TrackDiverged,
+    /// All tracks were ended because the time since the scan before was longer than allowed.
+    GapReset,
+    /// The limit on the number of tracks was reached; reports started no track.
+    TrackLimit,
+}
+
+impl EventCode {
+    /// The code in words, as it stands in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LateScan => "late_scan",
+            Self::Duplicate => "duplicate",
+            Self::UnknownSensor => "unknown_sensor",
+            Self::BadScan => "bad_scan",
+            Self::NonFinite => "non_finite",
+            Self::WrongSize => "wrong_size",
+            Self::NotObserved => "not_observed",
+            Self::TrackSkipped => "track_skipped",
+            Self::TrackDiverged => "track_diverged",
+            Self::GapReset => "gap_reset",
+            Self::TrackLimit => "track_limit",
+        }
+    }
+}
+
+/// One event.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// What happened.
+    pub code: EventCode,
+    /// Time of the scan, seconds.
+    pub time: f64,
+    /// Its sensor.
+    pub sensor: String,
+    /// Row of the scan, where the event is about one row.
+    pub row: Option<usize>,
+    /// In words.
+    pub reason: String,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} at {} s, sensor \"{}\"", self.code.name(), self.time, self.sensor)?;
+        if let Some(row) = self.row {
+            write!(f, ", row {row}")?;
+        }
+        write!(f, ": {}", self.reason)
+    }
+}
+
+/// All events counted, the last [`RECENT_EVENTS`] kept.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct EventLog {
+    counts: BTreeMap<EventCode, u64>,
+    recent: VecDeque<Event>,
+    /// Whether the next event is an error.
+    strict: bool,
+}
+
+impl EventLog {
+    /// An empty log; a strict one turns the first event into an error.
+    pub fn new(strict: bool) -> Self {
+        Self {
+            strict,
+            ..Self::default()
+        }
+    }
+
+    /// Records an event.
+    pub fn record(&mut self, event: Event) -> Result<()> {
+        if self.strict {
+            return Err(Error::Strict {
+                event: event.to_string(),
+            });
+        }
+        *self.counts.entry(event.code).or_default() += 1;
+        if self.recent.len() == RECENT_EVENTS {
+            self.recent.pop_front();
+        }
+        self.recent.push_back(event);
+        Ok(())
+    }
+
+    /// Number of events of each code.
+    pub fn counts(&self) -> &BTreeMap<EventCode, u64> {
+        &self.counts
+    }
+
+    /// The last events, oldest first.
+    pub fn recent(&self) -> impl Iterator<Item = &Event> {
+        self.recent.iter()
+    }
+}
+
+/// Where every row went.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Ledger {
+    /// Rows received.
+    pub rows_in: u64,
+    /// Rows that took part in tracking.
+    pub used: u64,
+    /// Rows dropped because their scan was late.
+    pub late: u64,
+    /// Rows dropped because they had been received before.
+    pub duplicate: u64,
+    /// Rows dropped for another reason.
+    pub rejected: BTreeMap<EventCode, u64>,
+}
+
+impl Ledger {
+    /// Books `rows` dropped rows under the event that dropped them.
+    pub fn drop_rows(&mut self, code: EventCode, rows: u64) {
+        match code {
+            EventCode::LateScan => self.late += rows,
+            EventCode::Duplicate => self.duplicate += rows,
+            _ => *self.rejected.entry(code).or_default() += rows,
+        }
+    }
+
+    /// The conservation law: no row is lost and none is counted twice.
+    pub fn check(&self) -> Result<()> {
+        let out = self.used + self.late + self.duplicate + self.rejected.values().sum::<u64>();
+        if out == self.rows_in {
+            return Ok(());
+        }
+        Err(Error::Internal {
+            reason: format!("{} rows came in and {out} were accounted for", self.rows_in),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn event(code: EventCode) -> Event {
+        Event {
+            code,
+            time: 1.0,
+            sensor: "radar".into(),
+            row: Some(3),
+            reason: "why".into(),
+        }
+    }
+
+    #[test]
+    fn all_events_are_counted_and_the_last_kept() {
+        let mut log = EventLog::new(false);
+        for _ in 0..RECENT_EVENTS + 5 {
+            log.record(event(EventCode::Duplicate)).unwrap();
+        }
+        assert_eq!(log.counts()[&EventCode::Duplicate], 1005);
+        assert_eq!(log.recent().count(), RECENT_EVENTS);
+    }
+
+    #[test]
+    fn strict_log_refuses() {
+        let error = EventLog::new(true).record(event(EventCode::NonFinite)).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "strict mode: non_finite at 1 s, sensor \"radar\", row 3: why"
+        );
+    }
+
+    #[test]
+    fn a_lost_row_breaks_the_ledger() {
+        let mut ledger = Ledger {
+            rows_in: 3,
+            used: 1,
+            ..Ledger::default()
+        };
+        ledger.drop_rows(EventCode::LateScan, 1);
+        assert!(ledger.check().is_err());
+        ledger.drop_rows(EventCode::NonFinite, 1);
+        assert!(ledger.check().is_ok());
+    }
+}

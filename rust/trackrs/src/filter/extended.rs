@@ -1,0 +1,44 @@
+//! Extended Kalman update: the sensor linearised at the predicted state.
+//!
+//! H = ∂h/∂x at x⁻, r = z − h(x⁻) with angles wrapped; then the update of [`super::kalman`].
+//! For a linear sensor this is the Kalman update itself.
+//!
+//! Reference: Bar-Shalom, Li, Kirubarajan (2001), §10.3.
+
+use nalgebra::DVector;
+
+use super::kalman::{MeasurementPrediction, Update};
+use crate::error::{Result, require_size};
+use crate::gaussian::Gaussian;
+use crate::model::{Sensor, sensor};
+
+/// What a sensor is expected to report of one state, linearised there.
+#[derive(Debug, Clone)]
+pub struct Linearised {
+    /// h(x⁻), length m.
+    pub expected: DVector<f64>,
+    /// Covariances and gain.
+    pub prediction: MeasurementPrediction,
+}
+
+/// Linearises `sensor` at the mean of `prior`.
+pub fn linearise(prior: &Gaussian, sensor: &dyn Sensor, platform: Option<&DVector<f64>>) -> Result<Linearised> {
+    let jacobian = sensor.jacobian(&prior.mean, platform)?;
+    Ok(Linearised {
+        expected: sensor.observe(&prior.mean, platform)?,
+        prediction: MeasurementPrediction::new(prior, jacobian, sensor.noise())?,
+    })
+}
+
+/// Updates `prior` by one measurement of length m; NaN components were not observed.
+pub fn update(
+    prior: &Gaussian,
+    sensor: &dyn Sensor,
+    measurement: &DVector<f64>,
+    platform: Option<&DVector<f64>>,
+) -> Result<Update> {
+    require_size("measurement", sensor.measurement_dim(), measurement.len())?;
+    let linearised = linearise(prior, sensor, platform)?;
+    let innovation = sensor::residual(sensor, measurement, &linearised.expected);
+    linearised.prediction.update(prior, &innovation)
+}

@@ -1,0 +1,5 @@
+//! Recursive estimation of one target's state.
+
+pub mod extended;
+pub mod kalman;
+pub mod sequence;

@@ -1,0 +1,210 @@
+//! A filter run over a whole sequence of one target's measurements.
+//!
+//! For k = 0..T: predict from the time before to t_k (the first from `initial.time`, dt = 0 allowed), then update with
+//! row k of the measurements. A row that is NaN throughout is a prediction only.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::{extended, kalman};
+use crate::error::{Error, Result, require_finite, require_size};
+use crate::gaussian::Gaussian;
+use crate::model::sensor::check_platform;
+use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+
+/// The estimate to begin with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct InitialState {
+    /// When it holds, seconds.
+    pub time: f64,
+    /// The estimate.
+    pub state: Gaussian,
+}
+
+/// How much of a run is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum History {
+    /// Predicted and filtered estimates at every time.
+    #[default]
+    Full,
+    /// Filtered estimates at every time.
+    Filtered,
+    /// The last filtered estimate.
+    Last,
+}
+
+/// Everything a run gives. Sequences have one element per kept time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FilterRun {
+    /// Estimates after the measurement.
+    pub filtered: Vec<Gaussian>,
+    /// Estimates before it; only with [`History::Full`].
+    pub predicted: Vec<Gaussian>,
+    /// Innovations, length m each, NaN where not observed.
+    pub innovations: Vec<DVector<f64>>,
+    /// Innovation covariances, m×m each.
+    pub innovation_covs: Vec<DMatrix<f64>>,
+    /// Normalised innovation squared of every row; NaN where nothing was observed.
+    pub nis: Vec<f64>,
+    /// Observed components of every row.
+    pub dof: Vec<usize>,
+    /// Sum of the log-likelihoods of all rows.
+    pub log_likelihood: f64,
+}
+
+impl FilterRun {
+    /// Adds what came after; with [`History::Last`] only that is kept.
+    pub fn append(&mut self, mut later: Self, history: History) {
+        if history == History::Last {
+            self.forget();
+        }
+        self.filtered.append(&mut later.filtered);
+        self.predicted.append(&mut later.predicted);
+        self.innovations.append(&mut later.innovations);
+        self.innovation_covs.append(&mut later.innovation_covs);
+        self.nis.append(&mut later.nis);
+        self.dof.append(&mut later.dof);
+        self.log_likelihood += later.log_likelihood;
+    }
+
+    fn forget(&mut self) {
+        self.filtered.clear();
+        self.innovations.clear();
+        self.innovation_covs.clear();
+        self.nis.clear();
+        self.dof.clear();
+    }
+}
+
+/// A Kalman or extended Kalman filter: one motion, one sensor.
+#[derive(Debug, Clone)]
+pub struct Filter {
+    motion: MotionModel,
+    sensor: SensorModel,
+}
+
+impl Filter {
+    /// The extended Kalman filter of these models.
+    pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
+        sensor.check(&motion)?;
+        Ok(Self { motion, sensor })
+    }
+
+    /// The Kalman filter of these models, which must be linear.
+    pub fn kalman(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
+        for (name, linear) in [("motion", motion.is_linear()), ("sensor", sensor.is_linear())] {
+            if !linear {
+                return Err(Error::invalid(
+                    name,
+                    "a nonlinear model",
+                    "must be linear; use ExtendedKalmanFilter",
+                ));
+            }
+        }
+        Self::extended(motion, sensor)
+    }
+
+    /// The motion model.
+    pub fn motion(&self) -> &MotionModel {
+        &self.motion
+    }
+
+    /// The sensor model.
+    pub fn sensor(&self) -> &SensorModel {
+        &self.sensor
+    }
+
+    /// The estimate `dt` seconds later.
+    pub fn predict(&self, state: &Gaussian, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {
+        require_size("state", self.motion.state_dim(), state.dim())?;
+        require_finite("dt", [&dt])?;
+        if dt < 0.0 {
+            return Err(Error::TimeReversed {
+                time: dt,
+                previous: 0.0,
+            });
+        }
+        Ok(kalman::predict(state, &self.motion, dt, input))
+    }
+
+    /// The estimate after one measurement (length m, NaN = not observed), taken from `platform` if the sensor moves.
+    pub fn update(
+        &self,
+        state: &Gaussian,
+        measurement: &DVector<f64>,
+        platform: Option<&DVector<f64>>,
+    ) -> Result<kalman::Update> {
+        require_size("state", self.motion.state_dim(), state.dim())?;
+        check_platform(&self.sensor, platform)?;
+        extended::update(state, &self.sensor, measurement, platform)
+    }
+
+    /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
+    pub fn run(
+        &self,
+        times: &[f64],
+        measurements: &[DVector<f64>],
+        initial: &InitialState,
+        inputs: Option<&[DVector<f64>]>,
+        history: History,
+    ) -> Result<FilterRun> {
+        self.check(times, measurements, initial, inputs)?;
+        let mut run = FilterRun::default();
+        let mut state = initial.state.clone();
+        let mut now = initial.time;
+        for (k, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
+            let predicted = kalman::predict(&state, &self.motion, time - now, inputs.map(|u| &u[k]));
+            let update = extended::update(&predicted, &self.sensor, measurement, None)?;
+            state = update.posterior;
+            now = time;
+            if update.dof > 0 {
+                run.log_likelihood += update.log_likelihood;
+            }
+            if history == History::Last {
+                run.forget();
+            }
+            if history == History::Full {
+                run.predicted.push(predicted);
+            }
+            run.filtered.push(state.clone());
+            run.innovations.push(update.innovation);
+            run.innovation_covs.push(update.innovation_cov);
+            run.nis.push(if update.dof > 0 { update.nis } else { f64::NAN });
+            run.dof.push(update.dof);
+        }
+        Ok(run)
+    }
+
+    /// Whether a run of these would be accepted.
+    pub fn check(
+        &self,
+        times: &[f64],
+        measurements: &[DVector<f64>],
+        initial: &InitialState,
+        inputs: Option<&[DVector<f64>]>,
+    ) -> Result<()> {
+        let n = self.motion.state_dim();
+        require_finite("times", times)?;
+        require_finite("initial time", [&initial.time])?;
+        require_size("measurements", times.len(), measurements.len())?;
+        require_size("initial state", n, initial.state.dim())?;
+        for row in measurements {
+            require_size("measurement", self.sensor.measurement_dim(), row.len())?;
+        }
+        if let Some(inputs) = inputs {
+            require_size("inputs", times.len(), inputs.len())?;
+            for row in inputs {
+                require_size("input", n, row.len())?;
+                require_finite("input", row.iter())?;
+            }
+        }
+        let mut previous = initial.time;
+        for &time in times {
+            if time < previous {
+                return Err(Error::TimeReversed { time, previous });
+            }
+            previous = time;
+        }
+        Ok(())
+    }
+}

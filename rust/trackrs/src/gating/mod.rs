@@ -1,0 +1,3 @@
+//! Which pairs of track and report are worth considering.
+
+pub mod mahalanobis;

@@ -1,0 +1,174 @@
+//! Cholesky factorisation that names the failing pivot.
+//!
+//! | symbol | name here | shape | meaning                          |
+//! |--------|-----------|-------|----------------------------------|
+//! | A      | `matrix`  | n×n   | symmetric; the lower half is read |
+//! | L      | `lower`   | n×n   | lower triangular, A = L Lᵀ       |
+//!
+//! Row by row: L_jj = sqrt(A_jj − Σ_k L_jk²),  L_ij = (A_ij − Σ_k L_ik L_jk) / L_jj.
+//! A non-positive or non-finite pivot ends it with [`Error::NotPositiveDefinite`].
+//! Above [`DENSE_SIZE`] rows the blocked factorisation of faer takes over.
+//!
+//! Reference: Golub, Van Loan (2013), Matrix Computations, §4.2.
+
+use faer::linalg::solvers::{Llt, LltError};
+use nalgebra::{DMatrix, DVector};
+
+use crate::error::{Error, Result, require_size};
+
+/// Matrices with more rows than this are factorised by faer.
+pub const DENSE_SIZE: usize = 32;
+
+/// The lower Cholesky factor of a symmetric positive definite matrix.
+#[derive(Debug, Clone)]
+pub struct Cholesky {
+    lower: DMatrix<f64>,
+}
+
+impl Cholesky {
+    /// Factorises `matrix`, reading its lower half; `what` names it in the error.
+    pub fn new(matrix: &DMatrix<f64>, what: &str) -> Result<Self> {
+        let n = matrix.nrows();
+        require_size(what, n, matrix.ncols())?;
+        let lower = if n > DENSE_SIZE {
+            factor_dense(matrix)
+        } else {
+            factor(matrix)
+        };
+        match lower {
+            Ok(lower) => Ok(Self { lower }),
+            Err((pivot, value)) => Err(Error::NotPositiveDefinite {
+                what: what.into(),
+                pivot,
+                value,
+            }),
+        }
+    }
+
+    /// The factor L.
+    pub fn lower(&self) -> &DMatrix<f64> {
+        &self.lower
+    }
+
+    /// L⁻¹ v: a vector of covariance A becomes one of unit covariance.
+    #[must_use]
+    pub fn whiten(&self, v: &DVector<f64>) -> DVector<f64> {
+        let mut out = v.clone();
+        for i in 0..out.len() {
+            let mut sum = out[i];
+            for k in 0..i {
+                sum -= self.lower[(i, k)] * out[k];
+            }
+            out[i] = sum / self.lower[(i, i)];
+        }
+        out
+    }
+
+    /// A⁻¹ B, by the two triangular systems.
+    #[must_use]
+    pub fn solve(&self, b: &DMatrix<f64>) -> DMatrix<f64> {
+        let n = self.lower.nrows();
+        let mut out = b.clone();
+        for mut column in out.column_iter_mut() {
+            for i in 0..n {
+                let mut sum = column[i];
+                for k in 0..i {
+                    sum -= self.lower[(i, k)] * column[k];
+                }
+                column[i] = sum / self.lower[(i, i)];
+            }
+            for i in (0..n).rev() {
+                let mut sum = column[i];
+                for k in i + 1..n {
+                    sum -= self.lower[(k, i)] * column[k];
+                }
+                column[i] = sum / self.lower[(i, i)];
+            }
+        }
+        out
+    }
+
+    /// ln det A.
+    pub fn log_determinant(&self) -> f64 {
+        2.0 * self.lower.diagonal().iter().map(|&d| libm::log(d)).sum::<f64>()
+    }
+}
+
+fn factor(matrix: &DMatrix<f64>) -> std::result::Result<DMatrix<f64>, (usize, f64)> {
+    let n = matrix.nrows();
+    let mut lower = DMatrix::zeros(n, n);
+    for j in 0..n {
+        for i in j..n {
+            let mut sum = matrix[(i, j)];
+            for k in 0..j {
+                sum -= lower[(i, k)] * lower[(j, k)];
+            }
+            if i > j {
+                lower[(i, j)] = sum / lower[(j, j)];
+            } else if sum > 0.0 && sum.is_finite() {
+                lower[(j, j)] = sum.sqrt();
+            } else {
+                return Err((j, sum));
+            }
+        }
+    }
+    Ok(lower)
+}
+
+fn factor_dense(matrix: &DMatrix<f64>) -> std::result::Result<DMatrix<f64>, (usize, f64)> {
+    let n = matrix.nrows();
+    let view = faer::MatRef::from_column_major_slice(matrix.as_slice(), n, n);
+    match Llt::new(view, faer::Side::Lower) {
+        Ok(llt) => {
+            let factor = llt.L();
+            Ok(DMatrix::from_fn(n, n, |i, j| if i < j { 0.0 } else { factor[(i, j)] }))
+        }
+        Err(LltError::NonPositivePivot { index }) => {
+            let pivot = index.min(n - 1);
+            Err((pivot, matrix[(pivot, pivot)]))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    fn spd(n: usize) -> DMatrix<f64> {
+        let b = DMatrix::from_fn(n, n, |i, j| ((i * 7 + j * 13) % 11) as f64 - 5.0);
+        &b * b.transpose() + DMatrix::identity(n, n)
+    }
+
+    #[test]
+    fn factor_times_its_transpose_is_the_matrix_in_both_paths() {
+        for n in [1, 2, 5, 9, DENSE_SIZE, DENSE_SIZE + 9] {
+            let a = spd(n);
+            let l = Cholesky::new(&a, "a").unwrap();
+            assert_relative_eq!(l.lower() * l.lower().transpose(), a, epsilon = 1e-9 * a.amax());
+            let b = DMatrix::from_fn(n, 2, |i, j| (i + j) as f64);
+            assert_relative_eq!(&a * l.solve(&b), b, epsilon = 1e-8 * a.amax());
+        }
+    }
+
+    #[test]
+    fn failing_pivot_is_named() {
+        for n in [4, DENSE_SIZE + 4] {
+            let mut a = DMatrix::identity(n, n);
+            a[(2, 2)] = -1.0;
+            match Cholesky::new(&a, "innovation covariance") {
+                Err(Error::NotPositiveDefinite { what, pivot, .. }) => {
+                    assert_eq!((what.as_str(), pivot), ("innovation covariance", 2));
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn nan_is_an_error_and_not_a_result() {
+        let mut a = spd(3);
+        a[(1, 0)] = f64::NAN;
+        assert!(Cholesky::new(&a, "a").is_err());
+    }
+}

@@ -1,0 +1,5 @@
+//! Dense linear algebra that names what failed.
+
+pub mod cholesky;
+pub mod saved;
+pub mod symmetric;

@@ -1,0 +1,224 @@
+//! Random walk, constant velocity and constant acceleration: one chain of integrators per axis.
+//!
+//! | symbol | name here  | meaning                                                     |
+//! |--------|------------|-------------------------------------------------------------|
+//! | r      | `ORDER`    | derivatives in the state: 1 position, 2 velocity, 3 acceleration |
+//! | q      | `Psd`      | spectral density of the white derivative of order r, per axis |
+//! | σ      | `Std`      | its standard deviation if it is constant over each step      |
+//!
+//! With i, j = 0..r−1 counting derivatives:
+//!
+//! F_ij = dt^(j−i) / (j−i)!  for j ≥ i
+//! white noise:  Q_ij = q dt^(2r−1−i−j) / [(r−1−i)! (r−1−j)! (2r−1−i−j)]
+//! piecewise constant:  Γ_i = dt^(r−i) / (r−i)!,  Q = σ² Γ Γᵀ
+//!
+//! White noise does not depend on how time is cut: Q(a+b) = F(b) Q(a) F(b)ᵀ + Q(b).
+//! Piecewise-constant noise has rank one per axis and does depend on it.
+//!
+//! Reference: Bar-Shalom, Li, Kirubarajan (2001), §6.2 and §6.3.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::Motion;
+use crate::error::{Error, Result, require_non_negative};
+
+/// What drives a kinematic model; one value per axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum KinematicNoise {
+    /// White noise of this spectral density: m²/s (random walk), m²/s³ (constant velocity) or m²/s⁵ (constant acceleration).
+    Psd(Vec<f64>),
+    /// Constant over each step with this standard deviation: m/s, m/s² or m/s³.
+    Std(Vec<f64>),
+}
+
+impl KinematicNoise {
+    fn values(&self) -> &[f64] {
+        match self {
+            Self::Psd(values) | Self::Std(values) => values,
+        }
+    }
+}
+
+macro_rules! kinematic {
+    ($(#[$doc:meta])* $name:ident, $order:literal, $parameter:literal) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        pub struct $name {
+            noise: KinematicNoise,
+        }
+
+        impl $name {
+            /// The model with one noise value per axis; as many axes as values.
+            pub fn new(noise: KinematicNoise) -> Result<Self> {
+                check(&noise, $parameter)?;
+                Ok(Self { noise })
+            }
+        }
+
+        impl Motion for $name {
+            fn state_dim(&self) -> usize {
+                $order * self.position_dims()
+            }
+            fn position_dims(&self) -> usize {
+                self.noise.values().len()
+            }
+            fn labels(&self) -> Vec<String> {
+                labels($order, self.position_dims())
+            }
+            fn propagate(&self, state: &DVector<f64>, dt: f64) -> DVector<f64> {
+                propagate($order, self.position_dims(), state, dt)
+            }
+            fn jacobian(&self, _state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+                transition($order, self.position_dims(), dt)
+            }
+            fn noise(&self, dt: f64) -> DMatrix<f64> {
+                noise($order, &self.noise, dt)
+            }
+            fn is_linear(&self) -> bool {
+                true
+            }
+        }
+    };
+}
+
+kinematic!(
+    /// Position that wanders; state `x y z`.
+    RandomWalk, 1, "velocity"
+);
+kinematic!(
+    /// Nearly constant velocity; state `x y z vx vy vz`.
+    ConstantVelocity, 2, "accel"
+);
+kinematic!(
+    /// Nearly constant acceleration; state `x y z vx vy vz ax ay az`.
+    ConstantAcceleration, 3, "jerk"
+);
+
+fn check(noise: &KinematicNoise, parameter: &str) -> Result<()> {
+    let suffix = match noise {
+        KinematicNoise::Psd(_) => "psd",
+        KinematicNoise::Std(_) => "std",
+    };
+    if noise.values().is_empty() {
+        return Err(Error::invalid("dims", 0, "must be at least 1"));
+    }
+    for &value in noise.values() {
+        require_non_negative(&format!("{parameter}_{suffix}"), value)?;
+    }
+    Ok(())
+}
+
+fn labels(order: usize, dims: usize) -> Vec<String> {
+    let axis = |i: usize| match (dims, i) {
+        (1..=3, i) => ["x", "y", "z"][i].to_string(),
+        _ => format!("x{i}"),
+    };
+    ["", "v", "a"][..order]
+        .iter()
+        .flat_map(|prefix| (0..dims).map(move |i| format!("{prefix}{}", axis(i))))
+        .collect()
+}
+
+fn propagate(order: usize, dims: usize, state: &DVector<f64>, dt: f64) -> DVector<f64> {
+    let mut out = state.clone();
+    for axis in 0..dims {
+        for i in 0..order {
+            for j in i + 1..order {
+                out[i * dims + axis] += power_over_factorial(dt, j - i) * state[j * dims + axis];
+            }
+        }
+    }
+    out
+}
+
+fn transition(order: usize, dims: usize, dt: f64) -> DMatrix<f64> {
+    let n = order * dims;
+    let mut f = DMatrix::identity(n, n);
+    for axis in 0..dims {
+        for i in 0..order {
+            for j in i + 1..order {
+                f[(i * dims + axis, j * dims + axis)] = power_over_factorial(dt, j - i);
+            }
+        }
+    }
+    f
+}
+
+fn noise(order: usize, noise: &KinematicNoise, dt: f64) -> DMatrix<f64> {
+    let dims = noise.values().len();
+    let mut q = DMatrix::zeros(order * dims, order * dims);
+    for (axis, &value) in noise.values().iter().enumerate() {
+        for i in 0..order {
+            for j in 0..order {
+                q[(i * dims + axis, j * dims + axis)] = match noise {
+                    KinematicNoise::Psd(_) => {
+                        let (a, b) = (order - 1 - i, order - 1 - j);
+                        let power = power_over_factorial(dt, a) * power_over_factorial(dt, b) * dt;
+                        value * power / ((a + b + 1) as f64)
+                    }
+                    KinematicNoise::Std(_) => {
+                        let gamma = |k| power_over_factorial(dt, order - k);
+                        value * value * gamma(i) * gamma(j)
+                    }
+                };
+            }
+        }
+    }
+    q
+}
+
+/// dtᵏ / k! for k ≤ 3.
+fn power_over_factorial(dt: f64, k: usize) -> f64 {
+    match k {
+        0 => 1.0,
+        1 => dt,
+        2 => dt * dt / 2.0,
+        _ => dt * dt * dt / 6.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    #[test]
+    fn white_noise_does_not_depend_on_how_time_is_cut() {
+        let model = ConstantAcceleration::new(KinematicNoise::Psd(vec![0.7, 2.0])).unwrap();
+        let x = DVector::from_element(6, 1.0);
+        let (a, b) = (0.3, 1.9);
+        let f = model.jacobian(&x, b);
+        let cut = &f * model.noise(a) * f.transpose() + model.noise(b);
+        assert_relative_eq!(cut, model.noise(a + b), max_relative = 1e-13, epsilon = 1e-15);
+        assert_relative_eq!(model.propagate(&x, b), f * x, epsilon = 1e-15);
+    }
+
+    #[test]
+    fn textbook_constant_velocity_in_block_order() {
+        let dt = 2.0;
+        let psd = ConstantVelocity::new(KinematicNoise::Psd(vec![3.0, 3.0]))
+            .unwrap()
+            .noise(dt);
+        assert_eq!(psd[(0, 0)], 3.0 * dt * dt * dt / 3.0);
+        assert_eq!(psd[(1, 3)], 3.0 * dt * dt / 2.0);
+        assert_eq!(psd[(2, 2)], 3.0 * dt);
+        assert_eq!(psd[(0, 1)], 0.0);
+        let std = ConstantVelocity::new(KinematicNoise::Std(vec![3.0])).unwrap().noise(dt);
+        assert_eq!(std, DMatrix::from_row_slice(2, 2, &[36.0, 36.0, 36.0, 36.0]));
+    }
+
+    #[test]
+    fn zero_interval_is_the_identity() {
+        let model = ConstantVelocity::new(KinematicNoise::Std(vec![1.0; 3])).unwrap();
+        assert_eq!(model.jacobian(&DVector::zeros(6), 0.0), DMatrix::identity(6, 6));
+        assert_eq!(model.noise(0.0), DMatrix::zeros(6, 6));
+        assert_eq!(model.labels(), ["x", "y", "z", "vx", "vy", "vz"]);
+    }
+
+    #[test]
+    fn negative_density_is_refused_by_its_name() {
+        let error = ConstantVelocity::new(KinematicNoise::Psd(vec![-1.0])).unwrap_err();
+        assert!(error.to_string().starts_with("accel_psd = -1"), "{error}");
+    }
+}

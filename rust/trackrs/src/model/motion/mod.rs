@@ -1,0 +1,85 @@
+//! Motion models. State order is block order: all positions, then all velocities, then accelerations.
+
+mod kinematic;
+mod linear;
+
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
+pub use linear::LinearMotion;
+
+/// How a state moves on by `dt` seconds. `dt = 0` must be the identity without noise.
+pub trait Motion: Debug + Send + Sync {
+    /// Length n of the state.
+    fn state_dim(&self) -> usize;
+    /// Number of leading components that are a position.
+    fn position_dims(&self) -> usize;
+    /// Names of the state's components, length n.
+    fn labels(&self) -> Vec<String>;
+    /// f(x): the state `dt` seconds later, without noise.
+    fn propagate(&self, state: &DVector<f64>, dt: f64) -> DVector<f64>;
+    /// ∂f/∂x at `state`, n×n.
+    fn jacobian(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64>;
+    /// Q: covariance of the noise gathered in `dt` seconds, n×n.
+    fn noise(&self, dt: f64) -> DMatrix<f64>;
+    /// Whether f is linear, so that the plain Kalman filter applies.
+    fn is_linear(&self) -> bool;
+}
+
+/// A motion model held by value: one of the library's own, which can be saved, or the user's.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "kind")]
+#[non_exhaustive]
+pub enum MotionModel {
+    /// See [`RandomWalk`].
+    RandomWalk(RandomWalk),
+    /// See [`ConstantVelocity`].
+    ConstantVelocity(ConstantVelocity),
+    /// See [`ConstantAcceleration`].
+    ConstantAcceleration(ConstantAcceleration),
+    /// See [`LinearMotion`].
+    Linear(LinearMotion),
+    /// A model from outside the library. It cannot be saved.
+    #[serde(skip)]
+    Custom(Arc<dyn Motion>),
+}
+
+impl MotionModel {
+    fn as_motion(&self) -> &dyn Motion {
+        match self {
+            Self::RandomWalk(m) => m,
+            Self::ConstantVelocity(m) => m,
+            Self::ConstantAcceleration(m) => m,
+            Self::Linear(m) => m,
+            Self::Custom(m) => m.as_ref(),
+        }
+    }
+}
+
+impl Motion for MotionModel {
+    fn state_dim(&self) -> usize {
+        self.as_motion().state_dim()
+    }
+    fn position_dims(&self) -> usize {
+        self.as_motion().position_dims()
+    }
+    fn labels(&self) -> Vec<String> {
+        self.as_motion().labels()
+    }
+    fn propagate(&self, state: &DVector<f64>, dt: f64) -> DVector<f64> {
+        self.as_motion().propagate(state, dt)
+    }
+    fn jacobian(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.as_motion().jacobian(state, dt)
+    }
+    fn noise(&self, dt: f64) -> DMatrix<f64> {
+        self.as_motion().noise(dt)
+    }
+    fn is_linear(&self) -> bool {
+        self.as_motion().is_linear()
+    }
+}

@@ -1,0 +1,164 @@
+//! Sensor models. A sensor knows which of its components are angles; every residual of them wraps.
+
+mod linear;
+mod position;
+mod range_bearing;
+
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::Motion;
+use crate::error::{Result, require_size};
+use crate::gaussian::Gaussian;
+
+pub use linear::LinearSensor;
+pub use position::PositionSensor;
+pub use range_bearing::RangeBearing;
+
+/// How a sensor sees a state. `platform` is the position of the moving body that carries the sensor, where there is one.
+pub trait Sensor: Debug + Send + Sync {
+    /// Length m of a measurement.
+    fn measurement_dim(&self) -> usize;
+    /// Names of the measurement's components, length m.
+    fn labels(&self) -> Vec<String>;
+    /// Whether states of this motion can be observed; the error says why not.
+    fn check(&self, motion: &dyn Motion) -> Result<()>;
+    /// h(x), length m.
+    fn observe(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DVector<f64>>;
+    /// ∂h/∂x at `state`, m×n.
+    fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>>;
+    /// R, m×m.
+    fn noise(&self) -> DMatrix<f64>;
+    /// Which components are angles, in radians.
+    fn angles(&self) -> &[usize] {
+        &[]
+    }
+    /// Whether h is linear, so that the plain Kalman filter applies.
+    fn is_linear(&self) -> bool {
+        false
+    }
+    /// Number of coordinates a platform position must have, where the sensor can stand on one.
+    fn platform_dims(&self) -> Option<usize> {
+        None
+    }
+    /// The position that one measurement gives by itself, with its covariance, where it gives one.
+    fn locate(&self, _measurement: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Option<Gaussian> {
+        None
+    }
+}
+
+/// z − ẑ with the angles wrapped into (−π, π].
+pub fn residual(sensor: &dyn Sensor, measured: &DVector<f64>, predicted: &DVector<f64>) -> DVector<f64> {
+    let mut out = measured - predicted;
+    for &i in sensor.angles() {
+        out[i] = wrap_angle(out[i]);
+    }
+    out
+}
+
+/// The angle in (−π, π]; NaN stays NaN.
+pub fn wrap_angle(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    if angle > -PI && angle <= PI {
+        return angle;
+    }
+    let wrapped = PI - (PI - angle).rem_euclid(TAU);
+    // rem_euclid may round up to a full turn.
+    if wrapped <= -PI { wrapped + TAU } else { wrapped }
+}
+
+/// Checks that a platform position is finite and of the size that this sensor takes.
+pub fn check_platform(sensor: &dyn Sensor, platform: Option<&DVector<f64>>) -> Result<()> {
+    let Some(platform) = platform else {
+        return Ok(());
+    };
+    require_size("platform", sensor.platform_dims().unwrap_or(0), platform.len())?;
+    crate::error::require_finite("platform", platform.iter())
+}
+
+/// A sensor model held by value: one of the library's own, which can be saved, or the user's.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "kind")]
+#[non_exhaustive]
+pub enum SensorModel {
+    /// See [`PositionSensor`].
+    Position(PositionSensor),
+    /// See [`RangeBearing`].
+    RangeBearing(RangeBearing),
+    /// See [`LinearSensor`].
+    Linear(LinearSensor),
+    /// A model from outside the library. It cannot be saved.
+    #[serde(skip)]
+    Custom(Arc<dyn Sensor>),
+}
+
+impl SensorModel {
+    fn as_sensor(&self) -> &dyn Sensor {
+        match self {
+            Self::Position(s) => s,
+            Self::RangeBearing(s) => s,
+            Self::Linear(s) => s,
+            Self::Custom(s) => s.as_ref(),
+        }
+    }
+}
+
+impl Sensor for SensorModel {
+    fn measurement_dim(&self) -> usize {
+        self.as_sensor().measurement_dim()
+    }
+    fn labels(&self) -> Vec<String> {
+        self.as_sensor().labels()
+    }
+    fn check(&self, motion: &dyn Motion) -> Result<()> {
+        self.as_sensor().check(motion)
+    }
+    fn observe(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DVector<f64>> {
+        self.as_sensor().observe(state, platform)
+    }
+    fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
+        self.as_sensor().jacobian(state, platform)
+    }
+    fn noise(&self) -> DMatrix<f64> {
+        self.as_sensor().noise()
+    }
+    fn angles(&self) -> &[usize] {
+        self.as_sensor().angles()
+    }
+    fn is_linear(&self) -> bool {
+        self.as_sensor().is_linear()
+    }
+    fn platform_dims(&self) -> Option<usize> {
+        self.as_sensor().platform_dims()
+    }
+    fn locate(&self, measurement: &DVector<f64>, platform: Option<&DVector<f64>>) -> Option<Gaussian> {
+        self.as_sensor().locate(measurement, platform)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{PI, TAU};
+
+    #[test]
+    fn angles_wrap_into_the_half_open_turn() {
+        for (angle, expected) in [
+            (0.0, 0.0),
+            (PI, PI),
+            (-PI, PI),
+            (1.5 * PI, -0.5 * PI),
+            (-3.5 * PI, 0.5 * PI),
+        ] {
+            assert!((wrap_angle(angle) - expected).abs() < 1e-14, "{angle}");
+        }
+        for k in -5..=5 {
+            let wrapped = wrap_angle(0.7 + TAU * f64::from(k));
+            assert!((wrapped - 0.7).abs() < 1e-14);
+        }
+        assert!(wrap_angle(f64::NAN).is_nan());
+    }
+}

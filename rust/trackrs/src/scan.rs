@@ -1,0 +1,67 @@
+//! A scan: everything one sensor reports at one time, empty scans included.
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+/// The reports of one sensor at one time.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Scan {
+    /// Seconds.
+    pub time: f64,
+    /// Name of the sensor, as the tracker knows it.
+    pub sensor: String,
+    /// Reports, length m each; NaN where a component was not observed. May be empty: then nothing was detected.
+    #[serde(with = "rows")]
+    pub values: Vec<DVector<f64>>,
+    /// Position of the moving body that carries the sensor, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub platform: Option<Vec<f64>>,
+}
+
+impl Scan {
+    /// A scan of a sensor at rest.
+    pub fn new(time: f64, sensor: &str, values: Vec<DVector<f64>>) -> Self {
+        Self {
+            time,
+            sensor: sensor.into(),
+            values,
+            platform: None,
+        }
+    }
+
+    /// The same scan, taken from a platform at this position.
+    #[must_use]
+    pub fn from_platform(mut self, position: &[f64]) -> Self {
+        self.platform = Some(position.to_vec());
+        self
+    }
+
+    /// Whether both hold the same sensor, time, platform and reports, bit for bit.
+    pub fn same_content(&self, other: &Self) -> bool {
+        let bits = |scan: &Self| -> Vec<Vec<u64>> {
+            let rows = scan.values.iter().map(DVector::as_slice);
+            rows.chain(scan.platform.as_deref()).map(bit_pattern).collect()
+        };
+        self.sensor == other.sensor && self.time.to_bits() == other.time.to_bits() && bits(self) == bits(other)
+    }
+}
+
+/// The bits of some numbers, for exact comparison; NaN equals NaN.
+pub fn bit_pattern(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|v| v.to_bits()).collect()
+}
+
+mod rows {
+    use nalgebra::DVector;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(rows: &[DVector<f64>], serializer: S) -> Result<S::Ok, S::Error> {
+        let rows: Vec<&[f64]> = rows.iter().map(DVector::as_slice).collect();
+        rows.serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<DVector<f64>>, D::Error> {
+        let rows = Vec::<Vec<f64>>::deserialize(deserializer)?;
+        Ok(rows.into_iter().map(DVector::from_vec).collect())
+    }
+}

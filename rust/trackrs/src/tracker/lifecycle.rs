@@ -1,0 +1,220 @@
+//! When a track begins, is confirmed, and ends.
+//!
+//! Hits and misses are counted for every sensor apart, because sensors have different rates and see different parts of
+//! the scene: a sensor that has never seen a track says nothing about it by not seeing it.
+//!
+//! * A tentative track is confirmed once some sensor has hit it in M of its last N scans, it has moved far enough from
+//!   where it began, not too fast, and stands clear of confirmed tracks. It is dropped once no sensor that ever hit
+//!   it can still reach M of N.
+//! * A confirmed track ends once every sensor that ever hit it has missed it `max_misses` times in a row, after
+//!   `max_time` seconds without a hit, or when it gets faster than a target can be.
+//!
+//! Reference: Bar-Shalom, Li (1995), §3.3 (M of N); Blackman, Popoli (1999), §6.2.
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, require_non_negative, require_positive};
+use crate::gaussian::Gaussian;
+
+/// Initiation by M hits in N scans.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MofN {
+    /// Hits needed.
+    pub m: u32,
+    /// Scans they must fall in, at most 64.
+    pub n: u32,
+    /// Upper bound on the speed of a target, m/s.
+    pub max_speed: f64,
+    /// A track must have moved this far from its first report, metres. 0 confirms targets at rest.
+    pub min_displacement: f64,
+    /// No track is confirmed closer than this to a confirmed one, metres: one target may give several reports.
+    pub min_separation: f64,
+}
+
+impl MofN {
+    /// Checks the parameters.
+    pub fn check(&self) -> Result<()> {
+        if self.m == 0 {
+            return Err(Error::invalid("m", self.m, "must be at least 1"));
+        }
+        if self.n < self.m || self.n > 64 {
+            return Err(Error::invalid("n", self.n, "must lie between m and 64"));
+        }
+        require_positive("max_speed", self.max_speed)?;
+        require_non_negative("min_displacement", self.min_displacement)?;
+        require_non_negative("min_separation", self.min_separation)
+    }
+}
+
+/// The end of confirmed tracks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Deletion {
+    /// Misses in a row by every sensor that ever hit the track.
+    pub max_misses: u32,
+    /// Seconds without a hit, if bounded.
+    pub max_time: Option<f64>,
+}
+
+impl Deletion {
+    /// Checks the parameters.
+    pub fn check(&self) -> Result<()> {
+        if self.max_misses == 0 {
+            return Err(Error::invalid("max_misses", 0, "must be at least 1"));
+        }
+        self.max_time.map_or(Ok(()), |time| require_positive("max_time", time))
+    }
+}
+
+/// What one sensor has seen of one track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Window {
+    /// The last scans, newest in the lowest bit, 1 = hit.
+    bits: u64,
+    /// Scans since the first hit, up to 64.
+    length: u32,
+    /// Misses in a row.
+    misses: u32,
+}
+
+impl Window {
+    /// Takes in one scan. Scans before the first hit do not count.
+    pub fn push(&mut self, hit: bool) {
+        if !hit && self.length == 0 {
+            return;
+        }
+        self.bits = self.bits << 1 | u64::from(hit);
+        self.length = (self.length + 1).min(64);
+        self.misses = if hit { 0 } else { self.misses.saturating_add(1) };
+    }
+
+    /// A window as if the sensor had just hit the track, for tracks that are given and not found.
+    pub fn started() -> Self {
+        let mut window = Self::default();
+        window.push(true);
+        window
+    }
+
+    /// Whether this sensor ever hit the track.
+    pub fn seen(&self) -> bool {
+        self.length > 0
+    }
+
+    fn hits(&self, n: u32) -> u32 {
+        (self.bits & (u64::MAX >> (64 - n))).count_ones()
+    }
+
+    fn can_reach(&self, rule: &MofN) -> bool {
+        let window = self.length.min(rule.n);
+        window - self.hits(rule.n) <= rule.n - rule.m
+    }
+}
+
+/// Where a track began: the median of its first three reports, so that one stray report does not make it move.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Start {
+    reports: Vec<Vec<f64>>,
+}
+
+impl Start {
+    /// A track begun by a report at this position.
+    pub fn new(position: &[f64]) -> Self {
+        Self {
+            reports: vec![position.to_vec()],
+        }
+    }
+
+    /// Takes in the position of a further report; only the first three count.
+    pub fn add(&mut self, position: &[f64]) {
+        if self.reports.len() < 3 {
+            self.reports.push(position.to_vec());
+        }
+    }
+
+    /// The median of each coordinate.
+    pub fn position(&self) -> DVector<f64> {
+        let median = |axis: usize| {
+            let mut values: Vec<f64> = self.reports.iter().map(|report| report[axis]).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        DVector::from_iterator(self.reports[0].len(), (0..self.reports[0].len()).map(median))
+    }
+}
+
+/// Whether the windows satisfy M of N.
+pub fn enough_hits(windows: &[Window], rule: &MofN) -> bool {
+    windows.iter().any(|w| w.seen() && w.hits(rule.n) >= rule.m)
+}
+
+/// Whether a tentative track has no more chance.
+pub fn hopeless(windows: &[Window], rule: &MofN) -> bool {
+    !windows.iter().any(|w| w.seen() && w.can_reach(rule))
+}
+
+/// Whether a confirmed track ends; `idle` is the time since its last hit, seconds.
+pub fn ended(windows: &[Window], idle: f64, rule: &Deletion) -> bool {
+    let seen: Vec<&Window> = windows.iter().filter(|w| w.seen()).collect();
+    let missed = !seen.is_empty() && seen.iter().all(|w| w.misses >= rule.max_misses);
+    missed || rule.max_time.is_some_and(|limit| idle > limit)
+}
+
+/// Whether a track has moved as a target does since it began `age` seconds ago: far enough, and not too fast, neither by
+/// its estimate nor on the way it has come.
+pub fn moves(state: &Gaussian, start: &DVector<f64>, age: f64, rule: &MofN) -> bool {
+    let displacement = (state.mean.rows(0, start.len()) - start).norm();
+    let fast = speed(state, start.len()).max(if age > 0.0 { displacement / age } else { 0.0 }) > rule.max_speed;
+    !fast && displacement >= rule.min_displacement
+}
+
+/// Length of the velocity, 0 where the state has none.
+pub fn speed(state: &Gaussian, dims: usize) -> f64 {
+    if state.dim() >= 2 * dims {
+        state.mean.rows(dims, dims).norm()
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RULE: MofN = MofN {
+        m: 3,
+        n: 5,
+        max_speed: 10.0,
+        min_displacement: 0.0,
+        min_separation: 0.0,
+    };
+
+    fn window(scans: &[u8]) -> Window {
+        let mut window = Window::default();
+        for &hit in scans {
+            window.push(hit == 1);
+        }
+        window
+    }
+
+    #[test]
+    fn three_of_five() {
+        assert!(enough_hits(&[window(&[1, 0, 1, 0, 1])], &RULE));
+        assert!(!enough_hits(&[window(&[1, 0, 0, 1, 0, 1])], &RULE));
+        assert!(!hopeless(&[window(&[1, 0, 0])], &RULE));
+        assert!(hopeless(&[window(&[1, 0, 0, 0])], &RULE));
+        assert!(hopeless(&[window(&[1, 1, 0, 0, 0])], &RULE));
+    }
+
+    #[test]
+    fn a_sensor_that_never_saw_the_track_has_no_say() {
+        let blind = window(&[0, 0, 0, 0, 0, 0]);
+        assert!(!hopeless(&[blind, window(&[1, 0])], &RULE));
+        let rule = Deletion {
+            max_misses: 2,
+            max_time: None,
+        };
+        assert!(!ended(&[blind, window(&[1, 0])], 9.0, &rule));
+        assert!(ended(&[blind, window(&[1, 0, 0])], 9.0, &rule));
+        assert!(!ended(&[window(&[1]), window(&[1, 0, 0])], 9.0, &rule));
+    }
+}

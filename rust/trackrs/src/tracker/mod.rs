@@ -1,0 +1,8 @@
+//! Tracking several targets: which tracks there are, from their first report to their end.
+
+pub mod clutter_map;
+pub mod config;
+mod intake;
+pub mod lifecycle;
+mod look;
+pub mod multi_target;
