@@ -6,7 +6,7 @@
 PYTHON ?=
 VENV   := .venv
 BIN    := $(CURDIR)/$(VENV)/bin
-TARGET := $(or $(CARGO_TARGET_DIR),$(CURDIR)/target)
+TARGET := $(abspath $(or $(CARGO_TARGET_DIR),target))
 
 # The wheel's sources: when one of them changes, the compiled module is built anew. Python files need nothing: the
 # package is installed in place.

@@ -21,7 +21,10 @@ class NearestNeighbour:
 
 @dataclass(frozen=True, slots=True)
 class GlobalNearestNeighbour:
-    """The set of pairs with the largest product of likelihoods; a missed track counts as a report on its gate's edge."""
+    """The set of pairs with the largest product of likelihoods.
+
+    A track without a report counts as one with a report on the edge of its gate.
+    """
 
     name: ClassVar[str] = "global_nearest"
 

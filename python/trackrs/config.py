@@ -285,7 +285,7 @@ class _Loader:
             text = self.path.read_text(encoding="utf-8")
             return tomllib.loads(text)
         except FileNotFoundError:
-            raise ConfigError(f"{self.path}: no such file") from None
+            raise ConfigError(f"{self.path}: no such file; check the name") from None
         except UnicodeDecodeError:
             raise ConfigError(f"{self.path}: not UTF-8 text") from None
         except OSError as error:

@@ -91,7 +91,8 @@ def ospa(x: ArrayLike, y: ArrayLike, c: float, p: float = 2.0) -> OspaDistance:
     """Return the OSPA distance of two sets of points.
 
     Args:
-        x, y: (k, d) and (l, d); either may be empty.
+        x: points (k, d), may be empty.
+        y: points (l, d), may be empty.
         c: cutoff, metres.
         p: order, at least 1.
 
@@ -114,7 +115,8 @@ def gospa(truth: ArrayLike, estimates: ArrayLike, c: float, p: float = 2.0, alph
     """Return the GOSPA distance of estimates from the truth.
 
     Args:
-        truth, estimates: (k, d) and (l, d); either may be empty.
+        truth: points (k, d), may be empty.
+        estimates: points (l, d), may be empty.
         c: cutoff, metres.
         p: order, at least 1.
         alpha: in (0, 2].
@@ -254,8 +256,8 @@ def evaluate(
 ) -> Evaluation:
     """Score tracks against truth at the times of their scans.
 
-    The truth is interpolated linearly. Targets and tracks are paired by GOSPA with the cutoff and order of the first metric.
-    A track whose nearest target is outside the region and closer than the cutoff does not count.
+    The truth is interpolated linearly. Targets and tracks are paired by GOSPA with the cutoff and order of the first
+    metric. A track whose nearest target is outside the region and closer than the cutoff does not count.
 
     Args:
         truth: the targets.

@@ -5,6 +5,7 @@ Figures are drawn without pyplot, so that nothing global is touched: save one wi
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -95,6 +96,8 @@ def plot_tracks(
     right, up = (1, 0) if swap_axes else (0, 1)
     path = None if own_ship is None else np.asarray(own_ship, dtype=np.float64)
 
+    # The limits come first: how far ellipses must be apart depends on them.
+    _set_limits(ax, tracks, detections or {}, truth, path, region, right, up)
     for (marker, colour), (name, points) in zip(cycle(DETECTION_STYLES), (detections or {}).items(), strict=False):
         xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         style: dict[str, Any] = {"linewidths": 0.6, "alpha": 0.55, "zorder": 1}
@@ -113,7 +116,6 @@ def plot_tracks(
     if path is not None:
         ax.plot(path[:, right], path[:, up], color=OWN_SHIP_COLOUR, linewidth=2.4, zorder=2, label="own ship")
         ax.plot(path[-1, right], path[-1, up], "D", markersize=5, color=OWN_SHIP_COLOUR, zorder=2)
-    _set_limits(ax, tracks, detections or {}, truth, path, region, right, up)
     _decorate(ax, region is not None and path is not None)
     ax.set_xlabel(labels[right])
     ax.set_ylabel(labels[up])
@@ -124,13 +126,22 @@ def plot_tracks(
     return figure  # type: ignore[no-any-return]
 
 
+def require_matplotlib() -> None:
+    """Do nothing if matplotlib is installed.
+
+    Raises:
+        ImportError: it is not; the message says how to install it.
+    """
+    if find_spec("matplotlib") is None:
+        raise ImportError('pictures need matplotlib: pip install "trackrs[plot]"', name="matplotlib")
+
+
 def _new_axes() -> Axes:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (only pictures need it)
-        from matplotlib.figure import Figure  # noqa: PLC0415
-        from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415
-    except ImportError:
-        raise ImportError('pictures need matplotlib: pip install "trackrs[plot]"', name="matplotlib") from None
+    require_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (only pictures need it)
+    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415
+
     figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12), dpi=DPI)
     FigureCanvasAgg(figure)
     return figure.add_subplot()
@@ -144,11 +155,11 @@ def _draw_track(ax: Axes, tracks: Tracks, rows: IntArray, colour: str, right: in
     xy = tracks.means[rows][:, [right, up]]
     covs = tracks.covs[rows][:, [right, up]][:, :, [right, up]]
     ax.plot(xy[:, 0], xy[:, 1], color=colour, linewidth=1.6, zorder=5)
-    drawn, reach = None, 0.0
+    drawn, reach, spacing = None, 0.0, 0.035 * float(np.ptp(ax.get_xlim()))
     for centre, cov in zip(xy[::-1], covs[::-1], strict=True):
         variances, axes = np.linalg.eigh(cov)
         semi = 2.0 * np.sqrt(np.maximum(variances, 0.0))
-        if drawn is not None and np.hypot(*(centre - drawn)) < reach + semi[1]:
+        if drawn is not None and np.hypot(*(centre - drawn)) < max(reach + semi[1], spacing):
             continue
         drawn, reach = centre, semi[1]
         angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
@@ -217,7 +228,7 @@ def _draw_region(ax: Axes, path: FloatArray, region: float) -> None:
     grid = np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
     inside = np.min([np.hypot(*(grid - own).T) for own in path[:: max(len(path) // 100, 1)]], axis=0).reshape(200, 200)
     if inside.min() < region < inside.max():
-        style = {"colors": OWN_SHIP_COLOUR, "linewidths": 0.9, "linestyles": "dotted"}
+        style: dict[str, Any] = {"colors": OWN_SHIP_COLOUR, "linewidths": 0.9, "linestyles": "dotted"}
         ax.contour(x, y, inside, levels=[region], zorder=2, **style)
 
 

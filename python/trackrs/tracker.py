@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,7 +30,8 @@ class MofN:
         n: scans they must fall in, at most 64.
         max_speed: upper bound on the speed of a target, m/s; also the uncertainty of a new track's velocity (2 sigma).
         min_displacement: a track must have moved this far from where it began, metres. 0 confirms targets at rest.
-        min_separation: no track is confirmed closer than this to a confirmed one, metres: one target may give several reports.
+        min_separation: no track is confirmed closer than this to a confirmed one, metres, because one target may give
+            several reports.
     """
 
     m: int
@@ -115,7 +116,7 @@ class MultiTargetTracker:
         *,
         associator: NearestNeighbour | GlobalNearestNeighbour = GlobalNearestNeighbour(),  # noqa: B008 (frozen)
         gate: Gate = Gate(),  # noqa: B008 (frozen)
-        deletion: Deletion = Deletion(),  # noqa: B008 (frozen)
+        deletion: Deletion = Deletion(),
         clutter_map: ClutterMap | None = None,
         max_gap: float | None = None,
         max_tracks: int = 10_000,
@@ -161,7 +162,7 @@ class MultiTargetTracker:
         scans = list(scans)
         return self._tracks(self._core.run(scans), scans)
 
-    def _tracks(self, columns: _trackrs.Columns, scans: list[Scan]) -> Tracks:
+    def _tracks(self, columns: dict[str, Any], scans: list[Scan]) -> Tracks:
         columns["offsets"] = np.array(columns["offsets"], dtype=np.int64)
         return Tracks(
             scan_times=array([scan.time for scan in scans], "times", 1),

@@ -83,7 +83,7 @@ class Scan:
 
     def __len__(self) -> int:
         """Return the number of reports."""
-        return self.values.shape[0]
+        return len(self.values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +138,7 @@ class FilterRun:
 
     def __len__(self) -> int:
         """Return the number of times kept."""
-        return self.times.shape[0]
+        return len(self.times)
 
     def __getitem__(self, index: int) -> GaussianState:
         """Return the estimate after measurement `index`."""
@@ -194,7 +194,7 @@ class Tracks:
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        return self.times.shape[0]
+        return len(self.times)
 
     def __iter__(self) -> Iterator[Track]:
         """Iterate over the rows as `Track` records."""
@@ -216,13 +216,16 @@ class Tracks:
     @property
     def history(self) -> dict[int, list[Track]]:
         """Every track's estimates in the order of time, by id."""
-        return {int(i): [self._track(row) for row in np.flatnonzero(self.ids == i)] for i in np.unique(self.ids)}
+        return {
+            int(i): [self._track(row) for row in np.flatnonzero(self.ids == i).tolist()] for i in np.unique(self.ids)
+        }
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Return a tidy table as a dictionary of columns, one row per track and scan.
 
-        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, and one `cov_a_b` per element of the
-        covariance's lower triangle. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
+        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, and one `cov_a_b` per element
+        of the covariance's lower triangle. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and
+        `pyarrow.table(table)` take it.
         """
         rows_per_scan = np.diff(self.offsets)
         table: dict[str, NDArray[Any]] = {

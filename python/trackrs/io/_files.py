@@ -7,14 +7,14 @@ import csv
 import difflib
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from trackrs.errors import TrackrsError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
     from types import ModuleType
 
@@ -59,7 +59,8 @@ class Table:
         if not path.exists():
             neighbours = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
             close = difflib.get_close_matches(path.name, neighbours, n=1)
-            raise TableError(f"{path}: no such file" + (f"; did you mean {path.with_name(close[0])}?" if close else ""))
+            hint = f"did you mean {path.with_name(close[0])}?" if close else "check the name"
+            raise TableError(f"{path}: no such file; {hint}")
         if path.is_dir():
             raise TableError(f"{path}: is a folder; name a table in it")
         suffix = table_suffix(path)
@@ -94,9 +95,11 @@ class Table:
     def _parquet(cls, path: Path) -> Table:
         pl = polars()
         try:
-            frame = pl.read_parquet(path, use_pyarrow=False, memory_map=False)
+            frame = pl.read_parquet(path)
         except pl.exceptions.PolarsError as error:
             raise TableError(f"{path}: is no Parquet table: {str(error).splitlines()[0]}") from None
+        except pl.exceptions.PanicException:  # no Exception, hence not among the errors above
+            raise TableError(f"{path}: is damaged: polars cannot read it; write it anew") from None
         header = tuple(frame.columns)
         frame.columns = [str(i) for i in range(frame.width)]
         return cls(path, frame.with_row_index("row"), header)
@@ -124,17 +127,20 @@ class Table:
         if name not in self.header:
             close = difflib.get_close_matches(name, self.header, n=1)
             hint = f'; did you mean "{close[0]}"?' if close else ""
-            self.fail(f'no column "{name}"{hint} (there are: {", ".join(self.header)})')
+            what = f'no column "{name}"{hint} (there are: {", ".join(self.header)})'
+            self.fail(f"{what}; rename one, or correct the name in the configuration")
         if self.header.count(name) > 1:
             self.fail(f'column "{name}" stands twice in the header; rename one of the two')
         return self.frame[str(self.header.index(name))]
 
-    def text(self, name: str) -> list[str]:
-        """A column of names."""
+    def text(self, name: str, rows: IntArray | None = None) -> list[str]:
+        """A column of names, or some of its rows."""
         pl = polars()
-        series = self.column(name)
-        if series.null_count():
-            self.fail_at(int(series.is_null().arg_true()[0]), name, "is empty; name one")
+        rows = np.arange(len(self)) if rows is None else rows
+        series = self.column(name).gather(rows)
+        absent = np.flatnonzero(series.is_null().to_numpy())
+        if len(absent):
+            self.fail_at(rows[absent[0]], name, "is empty; fill in or remove the row")
         out: list[str] = series.cast(pl.String).to_list()
         return out
 
@@ -222,6 +228,27 @@ def _csv_fault(path: Path) -> str | None:
 # --- writing ---
 
 
+def write_table(columns: Mapping[str, NDArray[Any]], file: Path, suffix: str) -> None:
+    """Write columns into a file, as CSV or Parquet by `suffix`."""
+    frame = polars().DataFrame(columns)
+    if suffix == ".csv":
+        frame.write_csv(file)
+    else:
+        frame.write_parquet(file)
+
+
+def check_target(path: Path) -> None:
+    """Refuse a path where no file can be, before the work that leads to it.
+
+    Raises:
+        TableError: it is a folder, or its folder does not exist.
+    """
+    if path.is_dir():
+        raise TableError(f"{path}: is a folder; name a file in it")
+    if not path.parent.is_dir():
+        raise TableError(f"{path}: there is no folder {path.parent}; create it first")
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a new file in the folder of `path` that takes its place at the end, and disappears if that is not reached.
@@ -229,15 +256,15 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         TableError: the file cannot be written.
     """
+    check_target(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    if path.is_dir():
-        raise TableError(f"{path}: is a folder; name a file in it")
     try:
         part.touch()
+    except OSError as error:
+        raise TableError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
         yield part
         part.replace(path)
-    except FileNotFoundError:
-        raise TableError(f"{path}: there is no folder {path.parent}; create it first") from None
     except OSError as error:
         raise TableError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:

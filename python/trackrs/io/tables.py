@@ -16,7 +16,7 @@ import numpy as np
 
 from trackrs._arrays import FloatArray, IntArray, frozen
 from trackrs.config import InputConfig, TruthConfig
-from trackrs.io._files import Table, TableError, polars, replacing, table_suffix
+from trackrs.io._files import Table, TableError, replacing, table_suffix, write_table
 from trackrs.metric import Truth
 from trackrs.types import Scan, Tracks
 
@@ -111,11 +111,11 @@ def read_scans(
         scan_of_row = timetable.scan_of(found, layout)
     order = np.argsort(scan_of_row, kind="stable")
     bounds = np.searchsorted(scan_of_row[order], np.arange(len(looks) + 1))
-    values = found.measurements(columns)
+    values, place = found.measurements(columns), found.places()
     out = []
     for k, (time, sensor) in enumerate(zip(looks.times.tolist(), looks.sensors, strict=True)):
-        rows = [values[row] for row in order[bounds[k] : bounds[k + 1]]]
-        out.append(Scan(time, rows, sensor, None if looks.platforms is None else looks.platforms[k]))
+        rows = place[order[bounds[k] : bounds[k + 1]]]
+        out.append(Scan(time, values[sensor][rows], sensor, None if looks.platforms is None else looks.platforms[k]))
     return Recording(tuple(out), looks.platforms, found.ignored)
 
 
@@ -235,11 +235,7 @@ def write_tracks(tracks: Tracks, path: str | Path) -> None:
     path = Path(path)
     suffix = table_suffix(path)
     with replacing(path) as file:
-        frame = polars().DataFrame(tracks.to_table())
-        if suffix == ".csv":
-            frame.write_csv(file)
-        else:
-            frame.write_parquet(file)
+        write_table(tracks.to_table(), file, suffix)
 
 
 # --- a table and its rows --------------------------------------------------------------------------------------------
@@ -298,14 +294,20 @@ class _Rows:
                 what += " in [input]"
             self.table.fail_at(self.rows[row], layout.time, what)
 
-    def measurements(self, columns: Mapping[str, Sequence[str]]) -> list[FloatArray]:
-        """The measurement of every row."""
-        out: list[FloatArray] = [np.zeros(0)] * len(self.rows)
+    def measurements(self, columns: Mapping[str, Sequence[str]]) -> dict[str, FloatArray]:
+        """The measurements of every sensor, in the order of its rows."""
+        out = {}
         for sensor, names in columns.items():
-            mine = np.flatnonzero(self.sensors == sensor)
-            numbers = [self.table.numbers(name, self.rows[mine], missing=True) for name in names]
-            for place, value in zip(mine.tolist(), np.stack(numbers, axis=1), strict=True):
-                out[place] = value
+            mine = self.rows[self.sensors == sensor]
+            out[sensor] = np.stack([self.table.numbers(name, mine, missing=True) for name in names], axis=1)
+        return out
+
+    def places(self) -> IntArray:
+        """For every row, how many rows of its sensor stand before it."""
+        out = np.zeros(len(self.rows), dtype=np.int64)
+        for sensor in np.unique(self.sensors):
+            mine = self.sensors == sensor
+            out[mine] = np.arange(np.count_nonzero(mine))
         return out
 
 
@@ -329,11 +331,11 @@ class _Timetable:
         order = np.argsort(found.times, kind="stable")
         ids: dict[str, int] = {}
         if layout.scan is not None:
-            every = table.text(layout.scan)
-            for k, row in enumerate(found.rows[order].tolist()):
-                if every[row] in ids:
-                    table.fail_at(row, layout.scan, f"scan {every[row]} stands twice; give each scan an id of its own")
-                ids[every[row]] = k
+            rows = found.rows[order]
+            for k, name in enumerate(table.text(layout.scan, rows)):
+                if name in ids:
+                    table.fail_at(rows[k], layout.scan, f"scan {name} stands twice; give each scan an id of its own")
+                ids[name] = k
         looks = ScanTable(
             frozen(found.times[order]),
             tuple(found.sensors[order].tolist()),
@@ -349,8 +351,7 @@ class _Timetable:
         names: Sequence[Any] = found.keys
         index: Mapping[Any, int] = {key: k for k, key in enumerate(keys)}
         if layout.scan is not None:
-            every = table.text(layout.scan)
-            names, index = [every[row] for row in found.rows.tolist()], self.ids
+            names, index = table.text(layout.scan, found.rows), self.ids
         out = np.zeros(len(found.rows), dtype=np.int64)
         for place, ((time, sensor), name) in enumerate(zip(found.keys, names, strict=True)):
             row = found.rows[place]

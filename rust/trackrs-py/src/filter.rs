@@ -66,17 +66,17 @@ impl Filter {
         Ok(Self { filter })
     }
 
-    #[pyo3(signature = (mean, cov, dt, input=None))]
+    #[pyo3(signature = (mean, cov, dt, known=None))]
     fn predict<'py>(
         &self,
         py: Python<'py>,
         mean: PyReadonlyArray1<'py, f64>,
         cov: PyReadonlyArray2<'py, f64>,
         dt: f64,
-        input: Option<PyReadonlyArray1<'py, f64>>,
+        known: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Moments<'py>> {
         let state = array::gaussian(&mean, &cov)?;
-        let input = input.map(|u| array::vector(&u, "input")).transpose()?;
+        let input = known.map(|u| array::vector(&u, "input")).transpose()?;
         let out = compute(py, || self.filter.predict(&state, dt, input.as_ref()))?;
         Ok((array::from_vector(py, &out.mean), array::from_matrix(py, &out.cov)?))
     }

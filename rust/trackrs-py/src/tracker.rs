@@ -184,9 +184,9 @@ impl Tracker {
     }
 
     #[staticmethod]
-    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+    fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
         Ok(Self {
-            inner: Mutex::new(compute(py, || MultiTargetTracker::from_bytes(bytes))?),
+            inner: Mutex::new(compute(py, || MultiTargetTracker::from_bytes(data))?),
         })
     }
 

@@ -193,7 +193,7 @@ mod tests {
         let mut map = map();
         for k in 0..10 {
             let time = 2.0 * f64::from(k);
-            assert_eq!(map.is_static(&at(49.0, -3.0)), time > 15.0, "{time}");
+            assert_eq!(map.is_static(&at(49.0, -3.0)), time > 16.0, "{time}");
             map.add(&at(50.0 + f64::from(k % 3), -3.0), time);
         }
         assert!(!map.is_static(&at(70.0, -3.0)));

@@ -4,8 +4,8 @@
 //! the scene: a sensor that has never seen a track says nothing about it by not seeing it.
 //!
 //! * A tentative track is confirmed once some sensor has hit it in M of its last N scans, it has moved far enough from
-//!   where it began, not too fast, and stands clear of confirmed tracks. It is dropped once no sensor that ever hit
-//!   it can still reach M of N.
+//!   where it began, not too fast, and stands clear of confirmed tracks. It is dropped once every sensor
+//!   that ever hit it has missed it in more than N − M of its last N scans.
 //! * A confirmed track ends once every sensor that ever hit it has missed it `max_misses` times in a row, after
 //!   `max_time` seconds without a hit, or when it gets faster than a target can be.
 //!
@@ -104,7 +104,8 @@ impl Window {
         (self.bits & (u64::MAX >> (64 - n))).count_ones()
     }
 
-    fn can_reach(&self, rule: &MofN) -> bool {
+    /// At most N − M misses in the last N scans.
+    fn alive(&self, rule: &MofN) -> bool {
         let window = self.length.min(rule.n);
         window - self.hits(rule.n) <= rule.n - rule.m
     }
@@ -149,7 +150,7 @@ pub fn enough_hits(windows: &[Window], rule: &MofN) -> bool {
 
 /// Whether a tentative track has no more chance.
 pub fn hopeless(windows: &[Window], rule: &MofN) -> bool {
-    !windows.iter().any(|w| w.seen() && w.can_reach(rule))
+    !windows.iter().any(|w| w.seen() && w.alive(rule))
 }
 
 /// Whether a confirmed track ends; `idle` is the time since its last hit, seconds.

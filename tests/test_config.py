@@ -1,0 +1,280 @@
+"""The TOML file: what it becomes, and that every mistake in it is one line with file, table and key."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+
+import pytest
+
+import trackrs as tr
+from trackrs import config as module
+from trackrs.config import ConfigError, load_config
+
+ROOT = Path(__file__).resolve().parent.parent
+
+GOOD = """
+[motion]
+type = "constant_velocity"
+dims = 2
+accel_psd = [0.3, 0.2]
+
+[sensors.radar]
+type = "position"
+dims = 2
+std = 6.0
+columns = ["x", "y"]
+
+[sensors.sonar]
+type = "range_bearing"
+position = [0, 0]
+range_std = 5.0
+bearing_std = 0.01
+columns = ["range", "bearing"]
+
+[tracker]
+gate = 0.95
+associator = "nearest_neighbour"
+max_gap = 30.0
+max_tracks = 50
+strict = true
+initiator = {m = 2, n = 3, max_speed = 12, min_displacement = 10.0}
+
+[tracker.deletion]
+max_misses = 4
+
+[tracker.clutter_map]
+radius = 10.0
+dwell = 15.0
+
+[input]
+time = "t"
+scan = "scan"
+platform = ["own_x", "own_y"]
+ignore_sensors = ["camera"]
+unsorted = "sort"
+
+[truth]
+columns = ["x", "y"]
+
+[score]
+c = 30.0
+sensor = "radar"
+region = 250.0
+
+[plot]
+labels = ["north (m)", "east (m)"]
+swap_axes = true
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(text):
+        file = tmp_path / "conf.toml"
+        file.write_text(text)
+        return load_config(file)
+
+    return load
+
+
+def message(load, text):
+    with pytest.raises(ConfigError) as error:
+        load(text)
+    text = str(error.value)
+    assert "\n" not in text
+    assert "conf.toml" in text
+    return text[text.index("conf.toml") :]
+
+
+def test_everything_is_read(load):
+    config = load(GOOD)
+    assert config.motion == tr.ConstantVelocity(dims=2, accel_psd=[0.3, 0.2])
+    assert config.sensors["radar"] == tr.PositionSensor(dims=2, std=6.0)
+    assert config.sensors["sonar"] == tr.RangeBearing(position=[0, 0], range_std=5.0, bearing_std=0.01)
+    assert config.columns == {"radar": ("x", "y"), "sonar": ("range", "bearing")}
+    assert config.tracker == {
+        "initiator": tr.MofN(2, 3, max_speed=12.0, min_displacement=10.0),
+        "associator": tr.NearestNeighbour(),
+        "gate": tr.Gate(0.95),
+        "deletion": tr.Deletion(max_misses=4),
+        "clutter_map": tr.ClutterMap(radius=10.0, dwell=15.0),
+        "max_gap": 30.0,
+        "max_tracks": 50,
+        "strict": True,
+    }
+    assert config.input.time == "t"
+    assert config.input.sensor == "sensor"
+    assert config.input.platform == ("own_x", "own_y")
+    assert config.input.ignore_sensors == ("camera",)
+    assert config.truth.target == "target_id"
+    assert config.score.make_metric() == tr.GOSPA(c=30.0, p=2.0, alpha=2.0)
+    assert config.plot.swap_axes
+    assert isinstance(config.make_tracker(), tr.MultiTargetTracker)
+
+
+def test_only_models_and_tracker_are_needed(load):
+    text = GOOD[: GOOD.index("[tracker]")] + "[tracker.initiator]\nm = 1\nn = 1\nmax_speed = 1"
+    config = load(text)
+    assert config.truth is None
+    assert config.score is None
+    assert config.input == module.InputConfig()
+    assert config.tracker == {"initiator": tr.MofN(1, 1, 1.0)}
+
+
+def test_the_example_is_valid():
+    config = load_config(ROOT / "examples" / "harbour.toml")
+    assert set(config.sensors) == {"radar", "lidar"}
+    assert (config.score.c, config.score.p, config.score.alpha) == (30.0, 2.0, 2.0)
+    assert (config.score.sensor, config.score.start, config.score.region) == ("radar", 15.0, 250.0)
+
+
+LINEAR = """[sensors.speed]
+type = "linear"
+H = [[0, 0, 1, 0], [0, 0, 0, 1]]
+R = [[1, 0], [0, 1]]
+columns = ["vx", "vy"]
+
+[tracker]
+"""
+
+
+def test_linear_sensor(load):
+    text = GOOD.replace("[tracker]\n", LINEAR)
+    assert "[input] platform does not fit [sensors.speed]" in message(load, text)
+    text = text.replace('platform = ["own_x", "own_y"]', "").replace("region = 250.0", "")
+    assert load(text).sensors["speed"].observe([0.0, 0.0, 3.0, 4.0]).tolist() == [3.0, 4.0]
+    wrong = text.replace("H = [[0, 0, 1, 0], [0, 0, 0, 1]]", "H = [[1, 0], [0, 1]]")
+    assert "[sensors.speed] state of the motion model has size 4, expected 2" in message(load, wrong)
+    wrong = text.replace("R = [[1, 0], [0, 1]]", "R = [[-1, 0], [0, 1]]")
+    assert "[sensors.speed] noise = " in message(load, wrong)
+
+
+def test_ospa(load):
+    text = GOOD.replace("c = 30.0", 'c = 30.0\nmetric = "ospa"')
+    assert load(text).score.make_metric() == tr.OSPA(c=30.0, p=2.0)
+    assert "[score] alpha" in message(load, text.replace("c = 30.0", "c = 30.0\nalpha = 2.0"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("std = 6.0", "std = -6.0", "[sensors.radar] std = -6 is invalid: must be finite and positive"),
+        ("std = 6.0", "std = nan", "[sensors.radar] std = NaN is invalid"),
+        ("range_std = 5.0", "range_std = -5.0", "[sensors.sonar] range_std = -5 is invalid"),
+        ("std = 6.0", "std = [1, 2, 3]", "[sensors.radar] std must be a number or 2 numbers"),
+        ("std = 6.0", 'std = "six"', '[sensors.radar] std = "six" is invalid: must be a number or a list of numbers'),
+        ("std = 6.0", "std = true", "[sensors.radar] std = true is invalid: must be a number"),
+        ("std = 6.0", "", '[sensors.radar]: "std" is missing'),
+        (
+            "std = 6.0",
+            "stdd = 6.0",
+            '[sensors.radar]: unknown key "stdd"; did you mean "std"? (there are: type, columns,',
+        ),
+        ('columns = ["x", "y"]', "", '[sensors.radar]: "columns" is missing'),
+        ('columns = ["x", "y"]', 'columns = ["x"]', "[sensors.radar] columns: 1 named, 2 needed, for x, y"),
+        ('columns = ["x", "y"]', 'columns = "x"', '[sensors.radar] columns = "x" is invalid: must be a list of texts'),
+        (
+            '"position"',
+            '"positon"',
+            '[sensors.radar] type = "positon" is unknown; did you mean "position"? (there are: ',
+        ),
+        ('type = "position"', "", '[sensors.radar]: "type" is missing (there are: position, range_bearing, linear)'),
+        ('"constant_velocity"', '"constant"', '[motion] type = "constant" is unknown'),
+        ("accel_psd = [0.3, 0.2]", "", "[motion] give exactly one of accel_psd"),
+        ("accel_psd = [0.3, 0.2]", "accel_psd = -1", "[motion] accel_psd = -1 is invalid"),
+        ("[motion]\ntype", "[moton]\ntype", 'unknown table "moton"; did you mean "motion"?'),
+        (
+            "dims = 2\naccel_psd = [0.3, 0.2]",
+            "dims = 1\naccel_psd = 1",
+            "[sensors.radar] position of the motion model has size 1",
+        ),
+        ("gate = 0.95", "gate = 1.5", "[tracker] gate = 1.5 is invalid: must lie between 0 and 1"),
+        ("gate = 0.95", "gat = 0.95", '[tracker]: unknown key "gat"; did you mean "gate"?'),
+        (
+            '"nearest_neighbour"',
+            '"nearest_neighbor"',
+            '[tracker] associator = "nearest_neighbor" is unknown; did you mean "nearest_neighbour"?',
+        ),
+        ("m = 2", "m = 0", "[tracker.initiator] m = 0 is invalid: must be at least 1"),
+        ("m = 2", "m = -2", "[tracker.initiator] m = -2 is invalid: must be a whole number"),
+        ("m = 2", "m = 2.5", "[tracker.initiator] m = 2.5 is invalid: must be a whole number"),
+        ("n = 3,", "", '[tracker.initiator]: "n" is missing'),
+        ("max_misses = 4", "max_misses = 0", "[tracker.deletion] max_misses = 0 is invalid"),
+        ("radius = 10.0", "radius = -1", "[tracker.clutter_map] radius = -1 is invalid"),
+        ("max_gap = 30.0", "max_gap = -1", "[tracker] max_gap = -1 is invalid"),
+        ("strict = true", "strict = 1", "[tracker] strict = 1 is invalid: must be true or false"),
+        ("initiator = {", "initiatr = {", '[tracker]: unknown key "initiatr"; did you mean "initiator"?'),
+        ('time = "t"', "time = 3", "[input] time = 3 is invalid: must be text in quotes"),
+        (
+            'unsorted = "sort"',
+            'unsorted = "sorted"',
+            '[input] unsorted = "sorted" is unknown; did you mean "sort"? (there are: error, sort)',
+        ),
+        ('ignore_sensors = ["camera"]', 'ignore_sensors = ["radar"]', '[input] ignore_sensors: "radar" has a model'),
+        ('["own_x", "own_y"]', '["own_x"]', "[input] platform does not fit [sensors.radar]"),
+        ('platform = ["own_x", "own_y"]', "", "[score] region: needs its centre"),
+        ('[truth]\ncolumns = ["x", "y"]', "[truth]", '[truth]: "columns" is missing'),
+        ('[truth]\ncolumns = ["x", "y"]', '[truth]\ncolumns = ["x"]', "[input] platform: 2 columns, but [truth] has 1"),
+        ("c = 30.0", "c = -30.0", "[score] c = -30 is invalid"),
+        ("c = 30.0", "c = 30.0\np = 0.5", "[score] p = 0.5 is invalid"),
+        ("c = 30.0", "c = 30.0\nalpha = 3", "[score] alpha = 3 is invalid"),
+        ("c = 30.0", "c = 30.0\nstart = inf", "[score] start = inf is invalid"),
+        ('sensor = "radar"', 'sensor = "rader"', '[score] sensor = "rader" is unknown; did you mean "radar"?'),
+        ("region = 250.0", "region = 0", "[score] region = 0.0 is invalid"),
+        ('labels = ["north (m)", "east (m)"]', 'labels = ["north (m)"]', "[plot] labels: 1 given, 2 needed"),
+        ("[plot]", "plot = 3\n[motion2]", ""),
+        ("gate = 0.95", "gate = ", "line 21, column 8: not valid TOML: "),
+        ("swap_axes = true\n", "swap_axes = [1,", "line 52: not valid TOML: "),
+    ],
+)
+def test_every_mistake_is_one_line(load, old, new, expected):
+    assert old in GOOD
+    text = message(load, GOOD.replace(old, new, 1))
+    assert expected in text
+
+
+@pytest.mark.parametrize("table", ["motion", "sensors", "tracker"])
+def test_missing_table(load, table):
+    parts = GOOD.split("\n\n")
+    text = "\n\n".join(part for part in parts if not part.strip().startswith(f"[{table}"))
+    assert f"no table [{table}]" in message(load, text)
+
+
+def test_table_that_is_none(load):
+    assert '"motion" must be a table, got 3' in message(load, "motion = 3\n" + GOOD[GOOD.index("[sensors.radar]") :])
+    assert '"sensors.radar" must be a table, [sensors.radar], got 3' in message(
+        load, GOOD[: GOOD.index("[sensors.radar]")] + "[sensors]\nradar = 3\n" + GOOD[GOOD.index("[tracker]") :]
+    )
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(ConfigError, match=r"nothing\.toml: no such file"):
+        load_config(tmp_path / "nothing.toml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path)
+    (tmp_path / "latin.toml").write_bytes(b"# \xe4")
+    with pytest.raises(ConfigError, match=r"latin.toml: not UTF-8 text"):
+        load_config(tmp_path / "latin.toml")
+
+
+def test_every_argument_has_a_kind():
+    """A model whose arguments the file cannot check would fail here, not at a user's."""
+    targets = [*module.MOTIONS.values(), *module.SENSORS.values(), *module._RECORDS.values()]
+    targets += [module.InputConfig, module.TruthConfig, module.ScoreConfig, module.PlotConfig]
+    for target in targets:
+        assert dataclasses.is_dataclass(target)
+        for argument in module._arguments(target):
+            annotation = argument.annotation.removesuffix(" | None")
+            assert annotation in module._KINDS or module._LITERAL.fullmatch(annotation), (target, argument)
+    own = {"self", "motion", "sensors", "initial", "associator", "gate"}
+    for name in inspect.signature(tr.MultiTargetTracker.__init__).parameters.keys() - own:
+        annotation = str(inspect.signature(tr.MultiTargetTracker.__init__).parameters[name].annotation)
+        assert annotation.removesuffix(" | None") in {**module._KINDS, **module._RECORDS}, name
+
+
+def test_every_model_has_a_name():
+    classes = {value for value in vars(tr).values() if isinstance(value, type)}
+    assert set(module.MOTIONS.values()) == {c for c in classes if issubclass(c, module.ConstantVelocity.__base__)}
+    assert set(module.SENSORS.values()) == {c for c in classes if issubclass(c, module.PositionSensor.__base__)}
