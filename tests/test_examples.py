@@ -1,0 +1,78 @@
+"""The examples and the README's code run as they stand."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from trackrs.io import read_tracks
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SCENARIOS = ["scenario02", "scenario03", "scenario05", "scenario13", "scenario16"]
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def run(command, folder, **kwargs):
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300, **kwargs)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+def test_quickstart(tmp_path):
+    lines = run([sys.executable, ROOT / "examples" / "quickstart.py"], tmp_path).splitlines()
+    assert lines[0].startswith("60 scans, ")
+    assert lines[0].endswith(", 2 tracks")
+    assert [line.split(":")[0] for line in lines[1:]] == ["track 1", "track 2"]
+
+
+@pytest.mark.timeout(300)
+def test_harbour(tmp_path):
+    out = run([sys.executable, ROOT / "examples" / "harbour.py", "--out", tmp_path / "out"], tmp_path)
+    lines = out.splitlines()
+    assert lines[0].split()[:4] == ["scenario", "scans", "detections", "tracks"]
+    assert [line.split()[0] for line in lines[1:7]] == [*SCENARIOS, "mean/total"]
+    assert len({len(line) for line in lines[:7]}) == 1
+    assert lines[6].split()[1:3] == ["1608", "3473"]
+    names = {f"{scenario}{suffix}" for scenario in SCENARIOS for suffix in (".csv", ".png")}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    for line in lines[1:6]:
+        scenario, tracks = line.split()[0], int(line.split()[3])
+        found = read_tracks(tmp_path / "out" / f"{scenario}.csv")
+        assert len(set(found.ids.tolist())) == tracks
+
+
+def test_readme_python():
+    found = blocks("python")
+    assert len(found) == 1
+    shown = run([sys.executable, "-c", found[0]], ROOT)
+    assert [line.split()[0] for line in shown.splitlines()] == ["1", "2"]
+
+
+def test_readme_commands(tmp_path):
+    (commands,) = [block for block in blocks("sh") if "trackrs track" in block]
+    (tmp_path / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
+    here = tmp_path / "run"
+    here.mkdir()
+    for name in ("data", "harbour.toml"):
+        (here / name).symlink_to(ROOT / "examples" / name)
+    commands = commands.replace("cd examples\n", "").replace("trackrs ", f'"{sys.executable}" -c "$MAIN" ')
+    main = "import sys; from trackrs.cli import main; sys.exit(main())"
+    out = run(["sh", "-e", "-c", commands], here, env={**os.environ, "MAIN": main})
+    assert "written  tracks.csv, tracks.png" in out
+    assert "GOSPA" in out
+
+
+def test_readme_links():
+    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (ROOT / target).exists(), target
+    assert (ROOT / "docs" / "harbour.png").stat().st_size < 200_000
