@@ -14,7 +14,7 @@ import trackrs as tr
 DATA = Path(__file__).parent / "data"
 
 
-def textbook(F, Q, H, R, x, P, z):  # noqa: N803 (the textbook's letters)
+def textbook(F, Q, H, R, x, P, z):
     """One step of the Kalman filter as the textbook has it, with the inverse written out."""
     x, P = F @ x, F @ P @ F.T + Q
     S = H @ P @ H.T + R
@@ -64,13 +64,13 @@ def test_run_equals_the_textbook(seed):
     n, steps = 3 * dims, 40
     times = np.cumsum(rng.uniform(0.1, 2.0, steps))
     values = rng.normal(0.0, 50.0, (steps, dims))
-    x, P = rng.normal(size=n), np.diag(rng.uniform(1.0, 100.0, n))  # noqa: N806
+    x, P = rng.normal(size=n), np.diag(rng.uniform(1.0, 100.0, n))
     run = tr.KalmanFilter(motion, sensor).run(times, values, initial=tr.GaussianState(x, P))
-    H = np.eye(dims, n)  # noqa: N806
+    H = np.eye(dims, n)
     before = 0.0
     for k, time in enumerate(times):
         dt = time - before
-        x, P = textbook(motion.transition(dt), motion.noise(dt), H, sensor.noise(), x, P, values[k])  # noqa: N806
+        x, P = textbook(motion.transition(dt), motion.noise(dt), H, sensor.noise(), x, P, values[k])
         before = time
         np.testing.assert_allclose(run.means[k], x, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(run.covs[k], P, rtol=1e-8, atol=1e-9)
@@ -81,8 +81,8 @@ def test_missing_components_equal_a_smaller_sensor():
     both = tr.KalmanFilter(tr.RandomWalk(dims=2, velocity_psd=1.0), tr.PositionSensor(dims=2, std=[1.0, 3.0]))
     state = tr.GaussianState([1.0, 2.0], [[4.0, 1.0], [1.0, 5.0]])
     update = both.update(state, [np.nan, 7.0])
-    H, R = np.array([[0.0, 1.0]]), np.array([[9.0]])  # noqa: N806
-    x, P = textbook(np.eye(2), np.zeros((2, 2)), H, R, state.mean, state.cov, np.array([7.0]))  # noqa: N806
+    H, R = np.array([[0.0, 1.0]]), np.array([[9.0]])
+    x, P = textbook(np.eye(2), np.zeros((2, 2)), H, R, state.mean, state.cov, np.array([7.0]))
     np.testing.assert_allclose(update.posterior.mean, x)
     np.testing.assert_allclose(update.posterior.cov, P)
     assert update.dof == 1
@@ -124,7 +124,7 @@ def test_turning_the_scene_turns_the_result():
     )
     spread = []
     for turn in np.linspace(0.0, 2 * np.pi, 200):
-        R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])  # noqa: N806
+        R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         turned = path @ R.T
         polar = np.stack([np.hypot(*turned.T), np.arctan2(turned[:, 1], turned[:, 0])], axis=1) + noise
         start = tr.GaussianState([*(R @ path[0]), *(R @ [5.0, -8.0])], np.diag([25.0, 25.0, 9.0, 9.0]), 1.0)
@@ -155,8 +155,8 @@ def test_consistency_on_the_models_own_truth():
     rng = np.random.default_rng(11)
     motion, sensor = tr.ConstantVelocity(dims=2, accel_psd=0.5), tr.PositionSensor(dims=2, std=3.0)
     kf, runs, steps = tr.KalmanFilter(motion, sensor), 50, 40
-    F, Q = motion.transition(1.0), motion.noise(1.0)  # noqa: N806
-    P0 = np.diag([100.0, 100.0, 25.0, 25.0])  # noqa: N806
+    F, Q = motion.transition(1.0), motion.noise(1.0)
+    P0 = np.diag([100.0, 100.0, 25.0, 25.0])
     errors, covs, nis, dof = [], [], 0.0, 0
     for _ in range(runs):
         x = rng.multivariate_normal(np.zeros(4), P0)

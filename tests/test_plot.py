@@ -73,7 +73,14 @@ def test_everything_is_drawn(scans, tracks):
     )
     assert isinstance(figure, Figure)
     (axes,) = figure.axes
-    assert legend(axes) == ["radar", "truth", "own ship", "track and its id", "2 sigma", "region"]
+    assert legend(axes) == [
+        "radar",
+        "truth (dot: its start)",
+        "own ship (diamond: end)",
+        "region (90 m)",
+        "track and its id",
+        "2 sigma",
+    ]
     assert sorted(text.get_text() for text in axes.texts) == ["1", "2"]
     assert axes.get_xlabel() == "north (m)"
     assert axes.get_title(loc="left") == "two boats"

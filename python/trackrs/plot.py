@@ -111,12 +111,16 @@ def plot_tracks(
         _draw_track(ax, tracks, np.flatnonzero(tracks.ids == number), colour, right, up)
     for k, target in enumerate(truth):
         x, y = target.positions[:, right], target.positions[:, up]
-        ax.plot(x, y, "--", color=TRUTH_COLOUR, linewidth=1.0, zorder=4, label="" if k else "truth")
+        ax.plot(x, y, "--", color=TRUTH_COLOUR, linewidth=1.0, zorder=4, label="" if k else "truth (dot: its start)")
         ax.plot(x[0], y[0], "o", markersize=4, color=TRUTH_COLOUR, zorder=4)
     if path is not None:
-        ax.plot(path[:, right], path[:, up], color=OWN_SHIP_COLOUR, linewidth=2.4, zorder=2, label="own ship")
+        ax.plot(
+            path[:, right], path[:, up], color=OWN_SHIP_COLOUR, linewidth=2.4, zorder=2, label="own ship (diamond: end)"
+        )
         ax.plot(path[-1, right], path[-1, up], "D", markersize=5, color=OWN_SHIP_COLOUR, zorder=2)
-    _decorate(ax, region is not None and path is not None)
+    if path is not None and region is not None:
+        _draw_region(ax, path[:, [right, up]], region)
+    _decorate(ax)
     ax.set_xlabel(labels[right])
     ax.set_ylabel(labels[up])
     ax.set_title(title, loc="left", fontsize="medium")
@@ -210,8 +214,6 @@ def _set_limits(
     ax.set_xlim(low[right], high[right])
     ax.set_ylim(low[up], high[up])
     ax.set_aspect("equal", adjustable="box")
-    if path is not None and region is not None:
-        _draw_region(ax, path[:, [right, up]], region)
 
 
 def _within(path: FloatArray, region: float, points: FloatArray) -> NDArray[np.bool_]:
@@ -230,30 +232,20 @@ def _draw_region(ax: Axes, path: FloatArray, region: float) -> None:
     if inside.min() < region < inside.max():
         style: dict[str, Any] = {"colors": OWN_SHIP_COLOUR, "linewidths": 0.9, "linestyles": "dotted"}
         ax.contour(x, y, inside, levels=[region], zorder=2, **style)
+        ax.plot([], [], ":", color=OWN_SHIP_COLOUR, linewidth=0.9, label=f"region ({region:g} m)")
 
 
-def _decorate(ax: Axes, region: bool) -> None:
+def _decorate(ax: Axes) -> None:
     """Grid, and a legend beside the picture."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
+    colour = TRACK_COLOURS[0]
     handles, names = ax.get_legend_handles_labels()
-    handles.append(Line2D([], [], color=TRACK_COLOURS[0], linewidth=1.6))
-    names.append("track and its id")
-    handles.append(
-        Line2D(
-            [],
-            [],
-            marker="o",
-            linestyle="",
-            markersize=9,
-            markerfacecolor=TRACK_COLOURS[0] + "30",
-            color=TRACK_COLOURS[0],
-        )
-    )
-    names.append("2 sigma")
-    if region:
-        handles.append(Line2D([], [], color=OWN_SHIP_COLOUR, linewidth=0.8, linestyle="dotted"))
-        names.append("region")
+    handles += [
+        Line2D([], [], color=colour, linewidth=1.6),
+        Line2D([], [], color=colour, linestyle="", marker="o", markersize=9, markerfacecolor=(colour, 0.18)),
+    ]
+    names += ["track and its id", "2 sigma"]
     ax.legend(
         handles,
         names,

@@ -1,4 +1,6 @@
 //! Python bindings of trackrs: conversions and nothing else. What they convert is documented in `python/trackrs`.
+// PyO3 extracts arguments by value.
+#![allow(clippy::needless_pass_by_value)]
 
 mod array;
 mod association;
