@@ -1,43 +1,50 @@
 """trackrs: from raw sensor reports to tracks with honest covariances."""
 
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from trackrs._trackrs import __version__
-from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
-from trackrs.errors import (
-    BusyError,
-    DimensionError,
-    InternalError,
-    NonFiniteError,
-    NotPositiveDefiniteError,
-    ParameterError,
-    StateError,
-    StrictError,
-    TimeError,
-    TrackrsError,
-    UnknownSensorError,
-    UnobservableError,
-)
-from trackrs.filter import ExtendedKalmanFilter, KalmanFilter
-from trackrs.gating import Gate
-from trackrs.metric import (
-    GOSPA,
-    OSPA,
-    Evaluation,
-    GospaDistance,
-    OspaDistance,
-    Pair,
-    TargetScore,
-    Truth,
-    evaluate,
-    gospa,
-    nees,
-    nis,
-    ospa,
-    rmse,
-)
-from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
-from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
-from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
-from trackrs.types import Event, FilterRun, GaussianState, Ledger, Scan, Track, Tracks, Update
+
+if TYPE_CHECKING:
+    from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
+    from trackrs.errors import (
+        BusyError,
+        DimensionError,
+        InternalError,
+        NonFiniteError,
+        NotPositiveDefiniteError,
+        ParameterError,
+        StateError,
+        StrictError,
+        TimeError,
+        TrackrsError,
+        UnknownSensorError,
+        UnobservableError,
+    )
+    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter
+    from trackrs.gating import Gate
+    from trackrs.metric import (
+        GOSPA,
+        OSPA,
+        Evaluation,
+        GospaDistance,
+        OspaDistance,
+        Pair,
+        TargetScore,
+        Truth,
+        evaluate,
+        gospa,
+        nees,
+        nis,
+        ospa,
+        rmse,
+    )
+    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
+    from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
+    from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
+    from trackrs.types import Event, FilterRun, GaussianState, Ledger, Scan, Track, Tracks, Update
 
 __all__ = [
     "GOSPA",
@@ -94,3 +101,22 @@ __all__ = [
     "ospa",
     "rmse",
 ]
+
+# Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
+_HOMES = ("association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
+
+
+def __getattr__(name: str) -> object:
+    """Find a public name in its module and keep it."""
+    if name in __all__:
+        for home in _HOMES:
+            module = import_module(f"trackrs.{home}")
+            if name in vars(module):
+                return globals().setdefault(name, vars(module)[name])
+    msg = f"module 'trackrs' has no attribute {name!r}"
+    raise AttributeError(msg)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

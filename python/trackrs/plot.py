@@ -32,6 +32,7 @@ TRUTH_COLOUR = "#000000"
 OWN_SHIP_COLOUR = "#5A5A5A"
 FILLED = "o^"  # markers with a face
 WIDTH = 6.0  # of the picture without its legend, inches
+MARGIN = 0.1  # around everything, inches
 DPI = 150
 
 
@@ -144,9 +145,8 @@ def _new_axes() -> Axes:
     require_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (only pictures need it)
     from matplotlib.figure import Figure  # noqa: PLC0415
-    from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415
 
-    figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12), dpi=DPI)
+    figure = Figure(dpi=DPI)
     FigureCanvasAgg(figure)
     return figure.add_subplot()
 
@@ -263,7 +263,16 @@ def _decorate(ax: Axes) -> None:
 
 
 def _fit(figure: Figure, ax: Axes) -> None:
-    """Give the figure the shape of what it shows, legend included."""
+    """Give the figure the shape of what it shows, with just the room that labels and legend need."""
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    height = min(max(WIDTH * (top - bottom) / (right - left), 3.0), 9.0)
-    figure.set_size_inches(WIDTH + 1.9, height + 0.7)
+    ratio = (top - bottom) / (right - left)
+    width, height = (WIDTH, WIDTH * ratio) if ratio < 1.3 else (1.3 * WIDTH / ratio, 1.3 * WIDTH)
+    inner = np.array([width, max(height, 0.35 * WIDTH)])
+    figure.set_size_inches(inner[0], inner[1])
+    ax.set_position((0.0, 0.0, 1.0, 1.0))
+    box: Any = ax.get_tightbbox()
+    low, high = box.get_points() / figure.get_dpi()
+    low, high = low - MARGIN, high + MARGIN
+    whole = high - low
+    figure.set_size_inches(whole[0], whole[1])
+    ax.set_position((*(-low / whole), *(inner / whole)))

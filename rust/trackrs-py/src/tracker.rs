@@ -226,11 +226,6 @@ impl Tracker {
         to_columns(py, tracker.config().motion.state_dim(), &tracks)
     }
 
-    fn tracks<'py>(&self, py: Python<'py>) -> PyResult<Columns<'py>> {
-        let tracker = self.lock(py)?;
-        to_columns(py, tracker.config().motion.state_dim(), &[tracker.tracks()])
-    }
-
     fn labels(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         Ok(self.lock(py)?.config().motion.labels())
     }
