@@ -148,7 +148,7 @@ def test_linear_sensor(load):
     wrong = text.replace("H = [[0, 0, 1, 0], [0, 0, 0, 1]]", "H = [[1, 0], [0, 1]]")
     assert "[sensors.speed] state of the motion model has size 4, expected 2" in message(load, wrong)
     wrong = text.replace("R = [[1, 0], [0, 1]]", "R = [[-1, 0], [0, 1]]")
-    assert "[sensors.speed] noise = " in message(load, wrong)
+    assert "[sensors.speed] R = " in message(load, wrong)
 
 
 def test_ospa(load):
@@ -275,6 +275,7 @@ def test_every_argument_has_a_kind():
 
 
 def test_every_model_has_a_name():
-    classes = {value for value in vars(tr).values() if isinstance(value, type)}
+    public = (getattr(tr, name) for name in tr.__all__)
+    classes = {value for value in public if isinstance(value, type)}
     assert set(module.MOTIONS.values()) == {c for c in classes if issubclass(c, module.ConstantVelocity.__base__)}
     assert set(module.SENSORS.values()) == {c for c in classes if issubclass(c, module.PositionSensor.__base__)}

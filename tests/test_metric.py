@@ -135,6 +135,8 @@ def test_evaluation_names_what_is_missing():
         tr.evaluate(truth, tracks, [tr.GOSPA(c=1.0)], region=1.0)
     with pytest.raises(tr.ParameterError, match="nothing to score"):
         tr.evaluate(truth, tracks, [tr.GOSPA(c=1.0)], sensor="sonar")
+    with pytest.raises(tr.DimensionError, match="coordinates of a centre has size 3, expected 2"):
+        tr.evaluate(truth, tracks, [tr.GOSPA(c=1.0)], region=1.0, centres=[0.0, 0.0, 0.0])
     with pytest.raises(tr.ParameterError, match="c = 0"):
         tr.gospa([[0.0]], [[0.0]], c=0.0)
     with pytest.raises(tr.ParameterError, match="alpha = 3"):

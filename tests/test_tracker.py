@@ -320,6 +320,12 @@ def test_parameters_are_checked_by_name():
         make_tracker(deletion=tr.Deletion(max_misses=0))
     with pytest.raises(tr.ParameterError, match="dwell = 0"):
         make_tracker(clutter_map=tr.ClutterMap(radius=1.0, dwell=0.0))
+    with pytest.raises(tr.ParameterError, match="m = -1"):
+        make_tracker(initiator=tr.MofN(-1, 2, max_speed=1.0))
+    with pytest.raises(tr.ParameterError, match="max_tracks = 0"):
+        make_tracker(max_tracks=0)
+    with pytest.raises(tr.ParameterError, match="dims = -1"):
+        tr.PositionSensor(dims=-1, std=1.0)
     with pytest.raises(tr.ParameterError, match="sensors = empty"):
         make_tracker(sensors={})
     with pytest.raises(tr.DimensionError, match="position of the motion model"):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from trackrs.errors import DimensionError
+from trackrs.errors import DimensionError, ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,8 +49,12 @@ def per_axis(value: float | Sequence[float], dims: int, name: str) -> list[float
     """Return one value per axis from a scalar or a sequence of length `dims`.
 
     Raises:
+        ParameterError: `dims` is below 1.
         DimensionError: the sequence has another length.
     """
+    if dims < 1:
+        msg = f"dims = {dims} is invalid: must be at least 1"
+        raise ParameterError(msg)
     values = np.asarray(value, dtype=np.float64)
     if values.ndim == 0:
         return [float(values)] * dims

@@ -283,7 +283,9 @@ def evaluate(
         if (sensor is None or tracks.sensors[k] == sensor) and (start is None or time >= start)
     ]
     if not chosen:
-        msg = f"no scan of sensor {sensor!r} from {start} s on: nothing to score"
+        which = "" if sensor is None else f" of sensor {sensor!r}"
+        since = "" if start is None else f" from {start} s on"
+        msg = f"there is no scan{which}{since}: nothing to score"
         raise ParameterError(msg)
     rows = [np.arange(tracks.offsets[k], tracks.offsets[k + 1]) for k in chosen]
     picked = np.concatenate(rows)

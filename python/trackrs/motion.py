@@ -154,5 +154,5 @@ class LinearMotion(Motion):
 
     def __post_init__(self) -> None:
         """Build the model."""
-        core = _trackrs.Motion.linear(array(self.F, "transition", 2), array(self.Q, "noise", 2))
+        core = _trackrs.Motion.linear(array(self.F, "F", 2), array(self.Q, "Q", 2))
         object.__setattr__(self, "_core", core)

@@ -125,6 +125,6 @@ class LinearSensor(Sensor):
 
     def __post_init__(self) -> None:
         """Build the model."""
-        h, r = array(self.H, "matrix", 2), array(self.R, "noise", 2)
+        h, r = array(self.H, "H", 2), array(self.R, "R", 2)
         d = np.zeros(h.shape[0]) if self.offset is None else array(self.offset, "offset", 1)
         object.__setattr__(self, "_core", _trackrs.Sensor.linear(h, r, d))

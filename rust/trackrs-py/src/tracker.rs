@@ -60,9 +60,9 @@ pub(crate) struct Settings {
     #[pyo3(item)]
     gate_probability: f64,
     #[pyo3(item)]
-    m: u32,
+    m: i64,
     #[pyo3(item)]
-    n: u32,
+    n: i64,
     #[pyo3(item)]
     max_speed: f64,
     #[pyo3(item)]
@@ -70,16 +70,16 @@ pub(crate) struct Settings {
     #[pyo3(item)]
     min_separation: f64,
     #[pyo3(item)]
-    max_misses: u32,
+    max_misses: i64,
     #[pyo3(item)]
     max_time: Option<f64>,
     /// Radius, dwell, minimum of reports, memory.
     #[pyo3(item)]
-    clutter_map: Option<(f64, f64, u32, f64)>,
+    clutter_map: Option<(f64, f64, i64, f64)>,
     #[pyo3(item)]
     max_gap: Option<f64>,
     #[pyo3(item)]
-    max_tracks: usize,
+    max_tracks: i64,
     #[pyo3(item)]
     strict: bool,
 }
@@ -112,6 +112,11 @@ pub(crate) struct LedgerRecord {
     late: u64,
     duplicate: u64,
     rejected: BTreeMap<&'static str, u64>,
+}
+
+/// A count that the user may have given as any whole number.
+fn count(name: &str, value: i64) -> trackrs::Result<u32> {
+    u32::try_from(value).map_err(|_| trackrs::Error::invalid(name, value, "must be a count"))
 }
 
 fn associator(name: &str) -> trackrs::Result<Associator> {
@@ -154,26 +159,27 @@ impl Tracker {
             config.associator = associator(&settings.associator)?;
             config.gate = Gate::new(settings.gate_probability)?;
             config.initiator = MofN {
-                m: settings.m,
-                n: settings.n,
+                m: count("m", settings.m)?,
+                n: count("n", settings.n)?,
                 max_speed: settings.max_speed,
                 min_displacement: settings.min_displacement,
                 min_separation: settings.min_separation,
             };
             config.deletion = Deletion {
-                max_misses: settings.max_misses,
+                max_misses: count("max_misses", settings.max_misses)?,
                 max_time: settings.max_time,
             };
-            config.clutter_map = settings
-                .clutter_map
-                .map(|(radius, dwell, min_reports, memory)| ClutterMap {
+            if let Some((radius, dwell, min_reports, memory)) = settings.clutter_map {
+                let min_reports = count("min_reports", min_reports)?;
+                config.clutter_map = Some(ClutterMap {
                     radius,
                     dwell,
                     min_reports,
                     memory,
                 });
+            }
             config.max_gap = settings.max_gap;
-            config.max_tracks = settings.max_tracks;
+            config.max_tracks = count("max_tracks", settings.max_tracks)? as usize;
             config.strict = settings.strict;
             config.initial = initial;
             MultiTargetTracker::new(config)

@@ -178,6 +178,13 @@ pub fn evaluate(truth: &[TruthPath], frames: &[Frame], scoring: &Scoring) -> Res
 }
 
 fn score(truth: &[TruthPath], frame: &Frame, scoring: &Scoring, tally: &mut Tally) -> Result<FrameScore> {
+    let dims = truth
+        .iter()
+        .find_map(|path| path.positions.first())
+        .map_or(0, DVector::len);
+    if let Some(centre) = &frame.centre {
+        require_size("coordinates of a centre", dims, centre.len())?;
+    }
     let present: Vec<(usize, DVector<f64>)> = truth
         .iter()
         .enumerate()
@@ -188,10 +195,6 @@ fn score(truth: &[TruthPath], frame: &Frame, scoring: &Scoring, tally: &mut Tall
         _ => true,
     };
     let counted: Vec<&(usize, DVector<f64>)> = present.iter().filter(|(_, p)| inside(p)).collect();
-    let dims = truth
-        .iter()
-        .find_map(|path| path.positions.first())
-        .map_or(0, DVector::len);
     let mut tracks: Vec<(&Track, DVector<f64>)> = Vec::new();
     for track in &frame.tracks {
         if track.state.dim() < dims {

@@ -74,6 +74,9 @@ impl TrackerConfig {
         self.sensors
             .values()
             .try_for_each(|sensor| sensor.check(&self.motion))?;
+        if self.max_tracks == 0 {
+            return Err(Error::invalid("max_tracks", 0, "must be at least 1"));
+        }
         self.initiator.check()?;
         self.deletion.check()?;
         self.clutter_map.map_or(Ok(()), |map| map.check())?;

@@ -20,9 +20,9 @@ impl LinearMotion {
     /// The model x⁺ = F x + w with w ~ N(0, Q).
     pub fn new(transition: DMatrix<f64>, noise: DMatrix<f64>) -> Result<Self> {
         let n = transition.nrows();
-        require_size("transition", n, transition.ncols())?;
-        require_finite("transition", transition.iter())?;
-        require_covariance("noise", &noise, n)?;
+        require_size("F", n, transition.ncols())?;
+        require_finite("F", transition.iter())?;
+        require_covariance("Q", &noise, n)?;
         Ok(Self { transition, noise })
     }
 }

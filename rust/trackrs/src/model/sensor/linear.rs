@@ -21,8 +21,8 @@ pub struct LinearSensor {
 impl LinearSensor {
     /// The sensor z = H x + d + v with v ~ N(0, R).
     pub fn new(matrix: DMatrix<f64>, noise: DMatrix<f64>, offset: DVector<f64>) -> Result<Self> {
-        require_finite("matrix", matrix.iter())?;
-        require_covariance("noise", &noise, matrix.nrows())?;
+        require_finite("H", matrix.iter())?;
+        require_covariance("R", &noise, matrix.nrows())?;
         require_size("offset", matrix.nrows(), offset.len())?;
         require_finite("offset", offset.iter())?;
         Ok(Self { matrix, noise, offset })
