@@ -44,7 +44,17 @@ if TYPE_CHECKING:
     from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
     from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
-    from trackrs.types import Event, FilterRun, GaussianState, Ledger, Scan, Track, Tracks, Update
+    from trackrs.types import (
+        Event,
+        FilterRun,
+        GaussianState,
+        Ledger,
+        Scan,
+        SmoothedRun,
+        Track,
+        Tracks,
+        Update,
+    )
 
 __all__ = [
     "GOSPA",
@@ -81,6 +91,7 @@ __all__ = [
     "RandomWalk",
     "RangeBearing",
     "Scan",
+    "SmoothedRun",
     "StateError",
     "StrictError",
     "TargetScore",

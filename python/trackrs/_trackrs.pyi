@@ -21,6 +21,7 @@ __all__ = [
     "gospa",
     "nees",
     "ospa",
+    "smooth",
 ]
 
 __version__: str
@@ -95,6 +96,15 @@ class Tracker:
     def event_counts(self) -> dict[str, int]: ...
     def ledger(self) -> dict[str, Any]: ...
 
+def smooth(
+    means: _Array,
+    covs: _Array,
+    predicted_means: _Array,
+    predicted_covs: _Array,
+    transitions: _Array,
+    motion_noises: _Array,
+    lag: int | None = None,
+) -> dict[str, Any]: ...
 def assign(costs: _Array) -> tuple[NDArray[np.int64], float]: ...
 def chi_square_quantile(probability: float, dof: int) -> float: ...
 def ospa(x: _Array, y: _Array, cutoff: float, order: float) -> dict[str, float]: ...

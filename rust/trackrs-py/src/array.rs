@@ -50,7 +50,7 @@ pub(crate) fn rows(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Ve
     Ok(slice.chunks_exact(width).map(DVector::from_row_slice).collect())
 }
 
-/// The symmetric matrices of an array (k, n, n).
+/// The matrices of an array (k, m, n).
 pub(crate) fn matrices(array: &PyReadonlyArray3<'_, f64>, name: &str) -> PyResult<Vec<DMatrix<f64>>> {
     if !array.is_c_contiguous() {
         return Err(refuse(array.py(), name));
@@ -91,6 +91,18 @@ pub(crate) fn from_rows<'py, 'a>(
     let mut values = Vec::with_capacity(count * width);
     rows.for_each(|row| values.extend_from_slice(row.as_slice()));
     PyArray1::from_vec(py, values).reshape([count, width])
+}
+
+/// Square matrices of one size out, as an array (k, n, n), each row-major.
+pub(crate) fn from_square<'py, 'a>(
+    py: Python<'py>,
+    matrices: impl ExactSizeIterator<Item = &'a DMatrix<f64>>,
+    size: usize,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let count = matrices.len();
+    let mut values = Vec::with_capacity(count * size * size);
+    matrices.for_each(|matrix| values.extend_from_slice(matrix.transpose().as_slice()));
+    PyArray1::from_vec(py, values).reshape([count, size, size])
 }
 
 /// Symmetric matrices of one size out, as an array (k, n, n).

@@ -8,6 +8,7 @@ mod error;
 mod filter;
 mod metric;
 mod model;
+mod smoother;
 mod stats;
 mod tracker;
 
@@ -23,6 +24,8 @@ mod _trackrs {
     use crate::metric::{evaluate, gospa, nees, ospa};
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
+    #[pymodule_export]
+    use crate::smoother::smooth;
     #[pymodule_export]
     use crate::stats::chi_square_quantile;
     #[pymodule_export]

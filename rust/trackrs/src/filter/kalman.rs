@@ -29,16 +29,39 @@ use crate::model::Motion;
 
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
+/// A prediction and the matrices that made it, which a smoother needs again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prediction {
+    /// The estimate before the measurement.
+    pub state: Gaussian,
+    /// F, n×n.
+    pub transition: DMatrix<f64>,
+    /// Q, n×n.
+    pub noise: DMatrix<f64>,
+}
+
+impl Prediction {
+    /// The prediction `dt` seconds ahead; `input` (length n) is added to the predicted state.
+    pub fn new(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Self {
+        let transition = motion.jacobian(&prior.mean, dt);
+        let noise = motion.noise(dt);
+        let mut mean = motion.propagate(&prior.mean, dt);
+        if let Some(input) = input {
+            mean += input;
+        }
+        let mut cov = &transition * &prior.cov * transition.transpose() + &noise;
+        symmetrise(&mut cov);
+        Self {
+            state: Gaussian { mean, cov },
+            transition,
+            noise,
+        }
+    }
+}
+
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
 pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Gaussian {
-    let f = motion.jacobian(&prior.mean, dt);
-    let mut mean = motion.propagate(&prior.mean, dt);
-    if let Some(input) = input {
-        mean += input;
-    }
-    let mut cov = &f * &prior.cov * f.transpose() + motion.noise(dt);
-    symmetrise(&mut cov);
-    Gaussian { mean, cov }
+    Prediction::new(prior, motion, dt, input).state
 }
 
 /// Result of one measurement update.

@@ -24,7 +24,7 @@ pub struct InitialState {
 /// How much of a run is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum History {
-    /// Predicted and filtered estimates at every time.
+    /// Predicted and filtered estimates at every time, and what smoothing needs besides.
     #[default]
     Full,
     /// Filtered estimates at every time.
@@ -40,6 +40,11 @@ pub struct FilterRun {
     pub filtered: Vec<Gaussian>,
     /// Estimates before it; only with [`History::Full`].
     pub predicted: Vec<Gaussian>,
+    /// F of the step to every time, from the time before or, at the first, from the initial state; n×n each, only with
+    /// [`History::Full`].
+    pub transitions: Vec<DMatrix<f64>>,
+    /// Q of the same steps.
+    pub motion_noises: Vec<DMatrix<f64>>,
     /// Innovations, length m each, NaN where not observed.
     pub innovations: Vec<DVector<f64>>,
     /// Innovation covariances, m×m each.
@@ -60,6 +65,8 @@ impl FilterRun {
         }
         self.filtered.append(&mut later.filtered);
         self.predicted.append(&mut later.predicted);
+        self.transitions.append(&mut later.transitions);
+        self.motion_noises.append(&mut later.motion_noises);
         self.innovations.append(&mut later.innovations);
         self.innovation_covs.append(&mut later.innovation_covs);
         self.nis.append(&mut later.nis);
@@ -153,8 +160,8 @@ impl Filter {
         let mut state = initial.state.clone();
         let mut now = initial.time;
         for (k, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
-            let predicted = kalman::predict(&state, &self.motion, time - now, inputs.map(|u| &u[k]));
-            let update = extended::update(&predicted, &self.sensor, measurement, None)?;
+            let predicted = kalman::Prediction::new(&state, &self.motion, time - now, inputs.map(|u| &u[k]));
+            let update = extended::update(&predicted.state, &self.sensor, measurement, None)?;
             state = update.posterior;
             now = time;
             if update.dof > 0 {
@@ -164,7 +171,9 @@ impl Filter {
                 run.forget();
             }
             if history == History::Full {
-                run.predicted.push(predicted);
+                run.predicted.push(predicted.state);
+                run.transitions.push(predicted.transition);
+                run.motion_noises.push(predicted.noise);
             }
             run.filtered.push(state.clone());
             run.innovations.push(update.innovation);
