@@ -2,4 +2,6 @@
 
 pub mod extended;
 pub mod kalman;
+pub mod noise;
+pub mod screen;
 pub mod sequence;
