@@ -2,5 +2,7 @@
 
 pub mod extended;
 pub mod kalman;
+pub mod noise;
+pub mod screen;
 pub mod sequence;
 pub mod smoother;

@@ -39,6 +39,23 @@ pub fn eigen_range(matrix: &DMatrix<f64>) -> Result<EigenRange> {
     })
 }
 
+/// The matrix with its eigenvalues clipped into [`min`, `max`] (its lower half is read).
+pub fn clip_eigenvalues(matrix: &DMatrix<f64>, min: f64, max: f64) -> Result<DMatrix<f64>> {
+    let n = matrix.nrows();
+    let view = faer::MatRef::from_column_major_slice(matrix.as_slice(), n, n);
+    let eigen = view
+        .self_adjoint_eigen(faer::Side::Lower)
+        .map_err(|_| Error::NonFinite {
+            what: "eigenvalues".into(),
+            index: 0,
+        })?;
+    let vectors = DMatrix::from_fn(n, n, |i, j| eigen.U()[(i, j)]);
+    let clipped = DMatrix::from_fn(n, n, |i, j| if i == j { eigen.S()[i].clamp(min, max) } else { 0.0 });
+    let mut out = &vectors * clipped * vectors.transpose();
+    symmetrise(&mut out);
+    Ok(out)
+}
+
 /// Checks a covariance given by the user: n×n, finite, symmetric to 1e-9 of its scale, and positive
 /// semidefinite to rounding.
 pub fn require_covariance(what: &str, matrix: &DMatrix<f64>, n: usize) -> Result<()> {
