@@ -68,7 +68,7 @@ class _SequenceFilter:
             values: (T, m); NaN = component not observed, a row of NaN = no measurement.
             initial: the estimate to begin with; it is predicted from its own time to the first of `times`.
             inputs: (T, n) known inputs, each added to the state predicted to its time.
-            history: keep predicted and filtered estimates ("full"; smoothing needs it), filtered ones, or only the last.
+            history: keep predicted and filtered estimates ("full"; smoothing needs it), filtered ones, or the last one.
 
         Raises:
             ParameterError: no initial state given.

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde_json::Value;
 use trackrs::filter::extended::linearise;
-use trackrs::filter::noise::{EigenLimits, Epoch, LimitedMemoryNoise, NoiseMemory, NoiseMethod};
+use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMemory, NoiseMethod, ProcessedEpoch};
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
 use trackrs::model::motion::{ConstantAcceleration, KinematicNoise};
 use trackrs::model::sensor::residual;
@@ -193,17 +193,18 @@ fn estimated_noise_is_that_of_the_reference() {
         let mut state = case.start.clone();
         for (k, step) in reference["steps"].as_array().unwrap().iter().enumerate() {
             let (f, gain) = jerk_model(case.times[k]);
-            let predicted = predict(&state, &f, &(&gain * memory.q() * gain.transpose()));
+            let noise = &gain * memory.q() * gain.transpose();
+            let predicted = predict(&state, &f, &noise);
             case.sensor.noise = memory.r().clone();
             let linearised = linearise(&predicted, &case.sensor, None).unwrap();
             let innovation = residual(&case.sensor, &case.measurements[k], &linearised.expected);
             state = linearised.prediction.update(&predicted, &innovation).unwrap().posterior;
             close_vector(&state.mean, &step["xf"], name);
-            let epoch = Epoch {
+            let epoch = ProcessedEpoch {
                 predicted,
                 filtered: state.clone(),
                 transition: f,
-                input: None,
+                noise,
                 gain,
                 measurement: case.measurements[k].clone(),
                 platform: None,

@@ -23,6 +23,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::smoother::{self, SmoothedRun};
 use crate::error::{Error, Result, require_finite};
 use crate::gaussian::Gaussian;
 use crate::linalg::cholesky::Cholesky;
@@ -82,15 +83,15 @@ impl LimitedMemoryNoise {
 
 /// One processed epoch, as the estimator needs it.
 #[derive(Debug, Clone)]
-pub struct Epoch {
+pub struct ProcessedEpoch {
     /// State before the measurement.
     pub predicted: Gaussian,
     /// State after it.
     pub filtered: Gaussian,
     /// F from the epoch before.
     pub transition: DMatrix<f64>,
-    /// What was added to F x in the prediction, where inputs are known.
-    pub input: Option<DVector<f64>>,
+    /// Γ Q Γᵀ of the step from the epoch before.
+    pub noise: DMatrix<f64>,
     /// Γ of the step from the epoch before.
     pub gain: DMatrix<f64>,
     /// The measurement, NaN where a component was missing or rejected.
@@ -113,7 +114,7 @@ pub struct NoiseEstimate {
 pub struct NoiseMemory {
     rule: LimitedMemoryNoise,
     prior: Gaussian,
-    epochs: VecDeque<Epoch>,
+    epochs: VecDeque<ProcessedEpoch>,
     processed: usize,
     q: DMatrix<f64>,
     r: DMatrix<f64>,
@@ -150,7 +151,7 @@ impl NoiseMemory {
     }
 
     /// Takes in an epoch and updates the noise in force. The estimate is `None` while too few epochs have come.
-    pub fn push(&mut self, epoch: Epoch, sensor: &dyn Sensor) -> Result<Option<NoiseEstimate>> {
+    pub fn push(&mut self, epoch: ProcessedEpoch, sensor: &dyn Sensor) -> Result<Option<NoiseEstimate>> {
         if self.epochs.len() == self.rule.window
             && let Some(oldest) = self.epochs.pop_front()
         {
@@ -184,21 +185,24 @@ impl NoiseMemory {
         let mut q = DMatrix::zeros(d, d);
         let mut r = DMatrix::zeros(m, m);
         let mut uses = DMatrix::<f64>::zeros(m, m);
-        let Some(last) = self.epochs.back() else {
-            return Ok(NoiseEstimate { q, r });
-        };
-        let mut smoothed = last.filtered.clone();
-        for index in (0..self.epochs.len()).rev() {
-            let epoch = &self.epochs[index];
-            add_measurement(&mut r, &mut uses, epoch, &smoothed, sensor, self.rule.method)?;
-            let before = if index == 0 {
+        let smoothed = self.smooth()?;
+        for (index, epoch) in self.epochs.iter().enumerate() {
+            let (before, after) = (&smoothed.states[index], &smoothed.states[index + 1]);
+            let filtered_before = if index == 0 {
                 &self.prior
             } else {
                 &self.epochs[index - 1].filtered
             };
-            let back = step_back(before, epoch, &smoothed)?;
-            q += self.motion_residual(epoch, &smoothed, &back)?;
-            smoothed = back.state;
+            // The predicted mean is f(x): its difference to F x covers inputs and nonlinear motion to first order.
+            let f = &epoch.transition;
+            let w = &after.mean - (&epoch.predicted.mean + f * (&before.mean - &filtered_before.mean));
+            let mut sum = &w * w.transpose();
+            if self.rule.method == NoiseMethod::Em {
+                let cross = &smoothed.lag_one[index] * f.transpose();
+                sum += &after.cov + f * &before.cov * f.transpose() - &cross - cross.transpose();
+            }
+            q += through_gain(&sum, &epoch.gain)?;
+            add_measurement(&mut r, &mut uses, epoch, after, sensor, self.rule.method)?;
         }
         q /= self.epochs.len() as f64;
         symmetrise(&mut q);
@@ -206,48 +210,40 @@ impl NoiseMemory {
         Ok(NoiseEstimate { q, r })
     }
 
-    /// Γ⁺ [w wᵀ (+ its covariance)] Γ⁺ᵀ of one step.
-    fn motion_residual(&self, epoch: &Epoch, after: &Gaussian, back: &Back) -> Result<DMatrix<f64>> {
-        let f = &epoch.transition;
-        // The predicted mean is f(x): its difference to F x covers inputs and nonlinear motion to first order.
-        let w = &after.mean - (&epoch.predicted.mean + f * (&back.state.mean - &back.filtered_mean));
-        let mut sum = &w * w.transpose();
-        if self.rule.method == NoiseMethod::Em {
-            let cross = &back.lag_one * f.transpose();
-            sum += &after.cov + f * &back.state.cov * f.transpose() - &cross - cross.transpose();
-        }
-        let gram = Cholesky::new(&(epoch.gain.transpose() * &epoch.gain), "noise gain")?;
-        let pseudo = gram.solve(&epoch.gain.transpose());
-        Ok(&pseudo * sum * pseudo.transpose())
+    /// The window smoothed, beginning with the filtered state before its first epoch (U13).
+    fn smooth(&self) -> Result<SmoothedRun> {
+        let n = self.prior.dim();
+        let (identity, nothing) = (DMatrix::identity(n, n), DMatrix::zeros(n, n));
+        let mut epochs = vec![smoother::Epoch {
+            step: 0,
+            filtered: &self.prior,
+            predicted: &self.prior,
+            transition: &identity,
+            noise: &nothing,
+        }];
+        epochs.extend(self.epochs.iter().enumerate().map(|(index, epoch)| smoother::Epoch {
+            step: index + 1,
+            filtered: &epoch.filtered,
+            predicted: &epoch.predicted,
+            transition: &epoch.transition,
+            noise: &epoch.noise,
+        }));
+        smoother::fixed_interval(&epochs)
     }
 }
 
-/// The smoothed state one epoch earlier.
-struct Back {
-    state: Gaussian,
-    lag_one: DMatrix<f64>,
-    filtered_mean: DVector<f64>,
-}
-
-/// U14–U16: x_i−1|k from x_i|k.
-fn step_back(before: &Gaussian, epoch: &Epoch, after: &Gaussian) -> Result<Back> {
-    let factor = Cholesky::new(&epoch.predicted.cov, "predicted covariance")?;
-    let gain = factor.solve(&(&epoch.transition * &before.cov)).transpose();
-    let mean = &before.mean + &gain * (&after.mean - &epoch.predicted.mean);
-    let mut cov = &before.cov + &gain * (&after.cov - &epoch.predicted.cov) * gain.transpose();
-    symmetrise(&mut cov);
-    Ok(Back {
-        state: Gaussian { mean, cov },
-        lag_one: &after.cov * gain.transpose(),
-        filtered_mean: before.mean.clone(),
-    })
+/// Γ⁺ W Γ⁺ᵀ.
+fn through_gain(matrix: &DMatrix<f64>, gain: &DMatrix<f64>) -> Result<DMatrix<f64>> {
+    let gram = Cholesky::new(&(gain.transpose() * gain), "noise gain")?;
+    let pseudo = gram.solve(&gain.transpose());
+    Ok(&pseudo * matrix * pseudo.transpose())
 }
 
 /// Adds e eᵀ (+ A P Aᵀ) of one epoch over its used components, and counts them.
 fn add_measurement(
     r: &mut DMatrix<f64>,
     uses: &mut DMatrix<f64>,
-    epoch: &Epoch,
+    epoch: &ProcessedEpoch,
     smoothed: &Gaussian,
     sensor: &dyn Sensor,
     method: NoiseMethod,
