@@ -3,3 +3,4 @@
 pub mod extended;
 pub mod kalman;
 pub mod sequence;
+pub mod start;
