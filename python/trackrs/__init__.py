@@ -35,9 +35,9 @@ from trackrs.metric import (
     rmse,
 )
 from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
-from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
+from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
 from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
-from trackrs.types import Event, FilterRun, GaussianState, Ledger, Scan, Track, Tracks, Update
+from trackrs.types import Event, FilterRun, Fix, GaussianState, Ledger, Scan, Track, Tracks, Update
 
 __all__ = [
     "GOSPA",
@@ -53,6 +53,7 @@ __all__ = [
     "Event",
     "ExtendedKalmanFilter",
     "FilterRun",
+    "Fix",
     "Gate",
     "GaussianState",
     "GlobalNearestNeighbour",
@@ -72,6 +73,7 @@ __all__ = [
     "ParameterError",
     "PositionSensor",
     "RandomWalk",
+    "RangeArray",
     "RangeBearing",
     "Scan",
     "StateError",

@@ -110,6 +110,27 @@ class Update:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """A position from one measurement of a `RangeArray`.
+
+    Attributes:
+        position: (d,) metres.
+        cov: its covariance (d, d).
+        statistic: sum of squared residuals over their variances; chi-square with `dof` degrees of freedom.
+        dof: observed components beyond the d that a position needs.
+        p_value: probability of a larger statistic; 1 with `dof = 0`, where nothing can contradict.
+        mirror: the other position (d,) that fits as well, where `side` had to choose; else None.
+    """
+
+    position: FloatArray
+    cov: FloatArray
+    statistic: float
+    dof: int
+    p_value: float
+    mirror: FloatArray | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FilterRun:
     """Result of a filter over T measurements. With `history="last"` the sequences have length 1.
 
@@ -122,6 +143,8 @@ class FilterRun:
         dof: (T,) observed components.
         log_likelihood: sum over all measurements.
         labels: names of the state's components.
+        start: first row of the run with an estimate, counted in the times given to `run`: 0 where an initial state was
+            given. Rows before it are NaN; row `start` holds the starting state, without innovation.
     """
 
     times: FloatArray
@@ -135,6 +158,7 @@ class FilterRun:
     dof: IntArray
     log_likelihood: float
     labels: tuple[str, ...]
+    start: int = 0
 
     def __len__(self) -> int:
         """Return the number of times kept."""

@@ -66,7 +66,7 @@ pub struct Fix {
 }
 
 /// A sensor of which one measurement can fix a position.
-pub trait PositionFix {
+pub trait PositionFix: Send + Sync {
     /// The position, or why there is none.
     fn fix(&self, measurement: &DVector<f64>) -> Result<Fix>;
     /// `dof` of a fix with every component observed.

@@ -95,16 +95,14 @@ impl RangeArray {
         depth_std: f64,
         sound_speed: Option<SoundSpeed>,
     ) -> Result<Self> {
-        require_size("hydrophones of a BATS array", 3, hydrophones.nrows())?;
-        require_size("dimensions of hydrophones", 3, hydrophones.ncols())?;
-        let array = Self::new(RangeArraySettings {
+        let settings = RangeArraySettings {
             hydrophones,
             range_std: vec![range_std],
             depth_std: Some(depth_std),
             sound_speed,
             side: None,
-        })?;
-        array.require_spread(2, "must not be collinear in plan")
+        };
+        Self::new(settings)?.require_bats()
     }
 
     /// Six hydrophones on the sea floor and no depth. They lie almost in one plane: `side` says where the target is.
@@ -114,16 +112,29 @@ impl RangeArray {
         sound_speed: Option<SoundSpeed>,
         side: Side,
     ) -> Result<Self> {
-        require_size("hydrophones of a TOSS array", 6, hydrophones.nrows())?;
-        require_size("dimensions of hydrophones", 3, hydrophones.ncols())?;
-        let array = Self::new(RangeArraySettings {
+        let settings = RangeArraySettings {
             hydrophones,
             range_std: vec![range_std],
             depth_std: None,
             sound_speed,
             side: Some(side),
-        })?;
-        array.require_spread(3, "must not be collinear")
+        };
+        Self::new(settings)?.require_toss()
+    }
+
+    /// The array itself if it is three hydrophones, not collinear in plan, with depth.
+    pub fn require_bats(self) -> Result<Self> {
+        require_size("hydrophones of a BATS array", 3, self.channels())?;
+        require_size("measurement of a BATS array", 4, self.measurement_dim())?;
+        self.require_spread(2, "must not be collinear in plan")
+    }
+
+    /// The array itself if it is six hydrophones in 3 dimensions, not collinear, without depth.
+    pub fn require_toss(self) -> Result<Self> {
+        require_size("hydrophones of a TOSS array", 6, self.channels())?;
+        require_size("dimensions of hydrophones", 3, self.dims())?;
+        require_size("measurement of a TOSS array", 6, self.measurement_dim())?;
+        self.require_spread(3, "must not be collinear")
     }
 
     fn require_spread(self, dims: usize, requirement: &str) -> Result<Self> {
