@@ -203,3 +203,23 @@ def test_results_are_read_only_and_the_run_untouched():
     with pytest.raises(AttributeError):
         smoothed.lag = 3
     assert np.array_equal(run.means, before)
+
+
+def test_a_run_that_starts_itself_is_smoothed_from_its_start():
+    """Rows before the start stay NaN; the rest is what smoothing the run begun there gives."""
+    rng = np.random.default_rng(6)
+    phones = [[0.0, 0.0, 250.0], [1000.0, 0.0, 252.0], [500.0, 866.0, 248.0]]
+    array = tr.RangeArray.bats(phones, range_std=1.0, depth_std=0.3)
+    times = np.arange(40.0)
+    path = np.stack([300.0 + 8.0 * times, 200.0 + 5.0 * times, 50.0 + 0.5 * times], axis=1)
+    values = np.array([array.observe([*p, *np.zeros(6)]) for p in path]) + rng.normal(size=(40, 4)) * [1, 1, 1, 0.3]
+    ekf = tr.ExtendedKalmanFilter(tr.ConstantAcceleration(dims=3, jerk_std=0.05), array)
+    run = ekf.run(times, values)
+    smoothed = run.smooth()
+    assert run.start >= 2
+    assert len(smoothed) == 40
+    assert np.isnan(smoothed.means[: run.start]).all()
+    again = ekf.run(times[run.start + 1 :], values[run.start + 1 :], initial=run[run.start]).smooth()
+    np.testing.assert_array_equal(smoothed.means[run.start + 1 :], again.means)
+    errors = smoothed.means[run.start :, :3] - path[run.start :]
+    assert tr.rmse(errors) < tr.rmse(run.means[run.start :, :3] - path[run.start :])

@@ -42,11 +42,12 @@ if TYPE_CHECKING:
         rmse,
     )
     from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
-    from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
+    from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
         Event,
         FilterRun,
+        Fix,
         GaussianState,
         Ledger,
         Scan,
@@ -70,6 +71,7 @@ __all__ = [
     "Event",
     "ExtendedKalmanFilter",
     "FilterRun",
+    "Fix",
     "Gate",
     "GaussianState",
     "GlobalNearestNeighbour",
@@ -89,6 +91,7 @@ __all__ = [
     "ParameterError",
     "PositionSensor",
     "RandomWalk",
+    "RangeArray",
     "RangeBearing",
     "Scan",
     "SmoothedRun",

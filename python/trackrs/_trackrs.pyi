@@ -50,6 +50,17 @@ class Sensor:
     @staticmethod
     def range_bearing(position: tuple[float, float], range_std: float, bearing_std: float) -> Sensor: ...
     @staticmethod
+    def range_array(
+        hydrophones: _Array,
+        range_std: Sequence[float],
+        depth_std: float | None = None,
+        speeds: Sequence[float] | None = None,
+        profile: tuple[Sequence[float], Sequence[float]] | None = None,
+        side: str | None = None,
+        preset: str | None = None,
+    ) -> Sensor: ...
+    def fix(self, value: _Array, side: str | None = None) -> dict[str, Any]: ...
+    @staticmethod
     def linear(matrix: _Array, noise: _Array, offset: _Array) -> Sensor: ...
     @property
     def measurement_dim(self) -> int: ...
@@ -64,15 +75,15 @@ class Filter:
     def kalman(motion: Motion, sensor: Sensor) -> Filter: ...
     @staticmethod
     def extended(motion: Motion, sensor: Sensor) -> Filter: ...
+    @property
+    def starts(self) -> bool: ...
     def predict(self, mean: _Array, cov: _Array, dt: float, known: _Array | None = None) -> tuple[_Array, _Array]: ...
     def update(self, mean: _Array, cov: _Array, value: _Array, platform: _Array | None = None) -> dict[str, Any]: ...
     def run(
         self,
         times: _Array,
         values: _Array,
-        mean: _Array,
-        cov: _Array,
-        time: float,
+        initial: tuple[float, _Array, _Array] | None,
         history: str,
         inputs: _Array | None = None,
     ) -> dict[str, Any]: ...

@@ -66,17 +66,20 @@ class _SequenceFilter:
         Args:
             times: (T,) seconds, not decreasing.
             values: (T, m); NaN = component not observed, a row of NaN = no measurement.
-            initial: the estimate to begin with; it is predicted from its own time to the first of `times`.
+            initial: the estimate to begin with; it is predicted from its own time to the first of `times`. With a
+                `RangeArray` it may be left out: the run then starts at the third of three consecutive measurements
+                whose position fixes pass the test of their redundancy (alpha = 0.01), and rows before that are NaN.
             inputs: (T, n) known inputs, each added to the state predicted to its time.
             history: keep predicted and filtered estimates ("full"; smoothing needs it), filtered ones, or the last one.
 
         Raises:
-            ParameterError: no initial state given.
+            ParameterError: no initial state given, and the models cannot start one.
+            UnobservableError: no three consecutive measurements could start the run; the message says why.
             TimeError: times decrease.
             DimensionError: shapes do not agree.
             NotPositiveDefiniteError: an innovation covariance is singular.
         """
-        if initial is None:
+        if initial is None and not self._core.starts:
             msg = (
                 f"initial is missing: {type(self.sensor).__name__} alone cannot start the state "
                 f"{' '.join(self.motion.labels)}; pass initial=GaussianState(mean, cov, time)"
@@ -84,7 +87,8 @@ class _SequenceFilter:
             raise ParameterError(msg)
         t, z = array(times, "times", 1), array(values, "values", 2)
         u = None if inputs is None else array(inputs, "inputs", 2)
-        out = self._core.run(t, z, initial.mean, initial.cov, initial.time, history, u)
+        given = None if initial is None else (initial.time, initial.mean, initial.cov)
+        out = self._core.run(t, z, given, history, u)
         kept = t[-1:] if history == "last" else t
         return FilterRun(times=frozen(kept.copy()), labels=self.motion.labels, **freeze_columns(out))
 

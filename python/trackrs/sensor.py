@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, frozen, per_axis
+from trackrs._arrays import FloatArray, array, frozen, frozen_array, per_axis
 from trackrs.errors import DimensionError
+from trackrs.types import Fix, freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
+
+Side = Literal["above", "below"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +106,166 @@ class RangeBearing(Sensor):
         x, y = (float(v) for v in position)
         core = _trackrs.Sensor.range_bearing((x, y), float(self.range_std), float(self.bearing_std))
         object.__setattr__(self, "_core", core)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeArray(Sensor):
+    """Ranges from k hydrophones (or radio anchors) to one target, or their travel times, and the target's depth.
+
+    Measurement: k ranges in metres, or k travel times in seconds if `sound_speed` is given; then the depth in metres if
+    `depth_std` is given. NaN = not heard. In 3 dimensions the last coordinate is depth, positive down.
+
+    With such a sensor a filter starts by itself: `run(times, values)` needs no `initial`.
+
+    Args:
+        hydrophones: positions (k, d), metres, d = 2 or 3.
+        range_std: standard deviation of a range, metres; a number or one per hydrophone. Travel times have
+            `range_std` over the effective speed, over that at the hydrophone where a profile is given.
+        depth_std: standard deviation of the depth, metres; None = the target does not report its depth.
+        sound_speed: m/s. None: measurements are ranges. A number or one per hydrophone (k,): effective speeds. Rows
+            (n, 2) of depth and speed, depths increasing: a profile, linear between its rows, whose harmonic mean along
+            the straight ray is the effective speed; it changes with the depth of the target, also in the Jacobian.
+        side: "above" or "below": which of two mirror images the target is, where a fix leaves both (see `fix`).
+
+    Raises:
+        DimensionError: `hydrophones` is not (k, 2) or (k, 3), or another shape does not fit.
+        ParameterError: a standard deviation or speed is not positive, or depth is used in 2 dimensions.
+
+    Reference:
+        Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology"; spec label U5.
+
+    Example:
+        >>> import trackrs as tr
+        >>> array = tr.RangeArray([[0, 0, 250], [1000, 0, 252], [500, 866, 248]], range_std=1.5, depth_std=0.5)
+        >>> array.observe([0.0, 0.0, 50.0])
+        array([ 200.        , 1020.1980196 , 1019.42434738,   50.        ])
+        >>> array.fix([200.0, 1020.1980196, 1019.42434738, 50.0]).dof
+        1
+    """
+
+    hydrophones: FloatArray
+    range_std: float | Sequence[float]
+    depth_std: float | None = None
+    sound_speed: float | ArrayLike | None = None
+    side: Side | None = None
+
+    def __init__(
+        self,
+        hydrophones: ArrayLike,
+        range_std: float | Sequence[float],
+        depth_std: float | None = None,
+        sound_speed: float | ArrayLike | None = None,
+        side: Side | None = None,
+    ) -> None:
+        """Copy the arrays and build the model."""
+        self._build(hydrophones, range_std, depth_std, sound_speed, side, None)
+
+    def _build(
+        self,
+        hydrophones: ArrayLike,
+        range_std: float | Sequence[float],
+        depth_std: float | None,
+        sound_speed: float | ArrayLike | None,
+        side: Side | None,
+        preset: str | None,
+    ) -> None:
+        positions = frozen_array(hydrophones, "hydrophones", 2)
+        std = per_axis(range_std, len(positions), "range_std")
+        core = _trackrs.Sensor.range_array(
+            positions,
+            std,
+            depth_std=None if depth_std is None else float(depth_std),
+            side=side,
+            preset=preset,
+            **_speeds(sound_speed),
+        )
+        if sound_speed is not None and np.ndim(sound_speed) > 0:
+            sound_speed = frozen_array(sound_speed, "sound_speed", np.ndim(sound_speed))
+        values = {
+            "hydrophones": positions,
+            "range_std": range_std,
+            "depth_std": depth_std,
+            "sound_speed": sound_speed,
+            "side": side,
+            "_core": core,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def bats(
+        cls,
+        hydrophones: ArrayLike,
+        range_std: float = 1.0,
+        depth_std: float = 0.3,
+        sound_speed: float | ArrayLike | None = None,
+    ) -> RangeArray:
+        """Return the BATS array: three hydrophones (3, 3), not collinear in plan, and the target's depth.
+
+        Raises:
+            DimensionError: there are not three hydrophones in 3 dimensions.
+            ParameterError: they are collinear in plan.
+        """
+        made = cls.__new__(cls)
+        made._build(hydrophones, range_std, depth_std, sound_speed, None, "bats")
+        return made
+
+    @classmethod
+    def toss(
+        cls,
+        hydrophones: ArrayLike,
+        range_std: float = 1.0,
+        sound_speed: float | ArrayLike | None = None,
+        side: Side = "above",
+    ) -> RangeArray:
+        """Return the TOSS array: six hydrophones (6, 3) on the sea floor, not collinear, and no depth.
+
+        They lie almost in one plane, so that a fix may leave a mirror image; the target is above it unless `side` says
+        otherwise.
+
+        Raises:
+            DimensionError: there are not six hydrophones in 3 dimensions.
+            ParameterError: they are collinear.
+        """
+        made = cls.__new__(cls)
+        made._build(hydrophones, range_std, None, sound_speed, side, "toss")
+        return made
+
+    def fix(self, values: ArrayLike, side: Side | None = None) -> Fix:
+        """Return the position that one measurement (m,) gives by itself; any d ranges, or d - 1 and the depth, will do.
+
+        Gauss-Newton from the closed-form positions. The test of its redundancy (`p_value`) shows a gross error; with
+        `dof = 0` nothing can.
+
+        Args:
+            values: one measurement; NaN = not heard.
+            side: which of two mirror images to take where both fit (chi-square less than 20 apart): "above" is the
+                smaller depth, or the smaller y in 2 dimensions and where the depth is measured. None: `self.side`.
+
+        Raises:
+            UnobservableError: too few channels heard, their hydrophones collinear, no convergence, or an ambiguity
+                that `side` does not resolve; the message names them.
+            ParameterError: a range is negative or contradicts the others beyond any error; the message names it.
+            NonFiniteError: a value is infinite.
+            DimensionError: there are not m values.
+
+        Reference:
+            Xi, Liu, Tao, Lu; spec labels U10 (known depth), U10b (two spheres), U11 (Gauss-Newton).
+        """
+        return Fix(**freeze_columns(self._core.fix(array(values, "values", 1), side)))
+
+
+def _speeds(sound_speed: float | ArrayLike | None) -> dict[str, Any]:
+    """Return the arguments of the compiled module that say what `sound_speed` says."""
+    if sound_speed is None:
+        return {}
+    if np.ndim(sound_speed) < 2:
+        return {"speeds": np.atleast_1d(np.asarray(sound_speed, dtype=np.float64)).tolist()}
+    profile = array(sound_speed, "sound_speed", 2)
+    if profile.shape[1] != 2:
+        msg = f"sound_speed as a profile needs rows of depth and speed (n, 2), got shape {profile.shape}"
+        raise DimensionError(msg)
+    return {"profile": (profile[:, 0].tolist(), profile[:, 1].tolist())}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

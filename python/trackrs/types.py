@@ -112,6 +112,27 @@ class Update:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """A position from one measurement of a `RangeArray`.
+
+    Attributes:
+        position: (d,) metres.
+        cov: its covariance (d, d).
+        statistic: sum of squared residuals over their variances; chi-square with `dof` degrees of freedom.
+        dof: observed components beyond the d that a position needs.
+        p_value: probability of a larger statistic; 1 with `dof = 0`, where nothing can contradict.
+        mirror: the other position (d,) that fits as well, where `side` had to choose; else None.
+    """
+
+    position: FloatArray
+    cov: FloatArray
+    statistic: float
+    dof: int
+    p_value: float
+    mirror: FloatArray | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FilterRun:
     """Result of a filter over T measurements. With `history="last"` the sequences have length 1.
 
@@ -126,6 +147,8 @@ class FilterRun:
         dof: (T,) observed components.
         log_likelihood: sum over all measurements.
         labels: names of the state's components.
+        start: first row of the run with an estimate, counted in the times given to `run`: 0 where an initial state was
+            given. Rows before it are NaN; row `start` holds the starting state, without innovation.
     """
 
     times: FloatArray
@@ -141,6 +164,7 @@ class FilterRun:
     dof: IntArray
     log_likelihood: float
     labels: tuple[str, ...]
+    start: int = 0
 
     def __len__(self) -> int:
         """Return the number of times kept."""
@@ -190,11 +214,23 @@ class FilterRun:
         if steps is not None and steps < 1:
             msg = f"lag = {lag!r} is invalid: must be a whole number of measurements, at least 1, or None for all"
             raise ParameterError(msg)
-        parts = ("covs", "predicted_means", "predicted_covs", "transitions", "motion_noises")
-        arrays = [array(getattr(self, name), name, 2 if name.endswith("means") else 3) for name in parts]
+        # A run that starts itself is smoothed from its first state on, which has no prediction: it stands for its own.
+        begin = self.start
+        predicted_means, predicted_covs = self.predicted_means[begin:], self.predicted_covs[begin:]
+        if begin > 0:
+            predicted_means = np.concatenate([self.means[begin : begin + 1], predicted_means[1:]])
+            predicted_covs = np.concatenate([self.covs[begin : begin + 1], predicted_covs[1:]])
+        arrays = [
+            array(self.covs[begin:], "covs", 3),
+            array(predicted_means, "predicted_means", 2),
+            array(predicted_covs, "predicted_covs", 3),
+            array(self.transitions[begin:], "transitions", 3),
+            array(self.motion_noises[begin:], "motion_noises", 3),
+        ]
         # More than the run has is all of it; the bound keeps the number within the core's integers.
         steps = None if steps is None else min(steps, max(len(self), 1))
-        out = _trackrs.smooth(array(self.means, "means", 2), *arrays, steps)
+        out = _trackrs.smooth(array(self.means[begin:], "means", 2), *arrays, steps)
+        out = {name: np.concatenate([np.full((begin, *part.shape[1:]), np.nan), part]) for name, part in out.items()}
         return SmoothedRun(times=self.times, labels=self.labels, lag=lag, **freeze_columns(out))
 
 
@@ -204,7 +240,7 @@ class SmoothedRun:
 
     Attributes:
         times: (T,) seconds.
-        means, covs: the estimates, (T, n) and (T, n, n), in the units of the state.
+        means, covs: the estimates, (T, n) and (T, n, n), in the units of the state; NaN before the start of the run.
         lag_one_covs: (T-1, n, n); element i is the covariance of state i+1 (rows) with state i (columns), given the
             measurements that estimate i uses.
         lag: how many measurements after its own each estimate uses; None: all.

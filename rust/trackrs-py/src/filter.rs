@@ -1,17 +1,21 @@
 //! Filters over one sequence.
 
+use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use trackrs::Gaussian;
 use trackrs::filter::sequence::{self, FilterRun, History, InitialState};
+use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
-use crate::error::compute;
+use crate::error::{compute, to_python};
 use crate::model::{Motion, Sensor};
 
 /// Rows between two looks for Ctrl-C.
 const CHUNK: usize = 4096;
+/// The same while a start is sought: a position fix costs tens of updates.
+const START_CHUNK: usize = 256;
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Filter {
@@ -20,6 +24,9 @@ pub(crate) struct Filter {
 
 /// Mean and covariance.
 type Moments<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// Time, mean and covariance.
+type Initial<'py> = (f64, PyReadonlyArray1<'py, f64>, PyReadonlyArray2<'py, f64>);
 
 /// What an update gives.
 #[derive(IntoPyObject)]
@@ -48,6 +55,7 @@ pub(crate) struct Run<'py> {
     nis: Bound<'py, PyArray1<f64>>,
     dof: Bound<'py, PyArray1<i64>>,
     log_likelihood: f64,
+    start: usize,
 }
 
 #[pymethods]
@@ -66,6 +74,12 @@ impl Filter {
             sequence::Filter::extended(motion.model.clone(), sensor.model.clone())
         })?;
         Ok(Self { filter })
+    }
+
+    /// Whether a run needs no initial state.
+    #[getter]
+    fn starts(&self) -> bool {
+        self.filter.sensor().position_fix().is_some()
     }
 
     #[pyo3(signature = (mean, cov, dt, known=None))]
@@ -109,25 +123,24 @@ impl Filter {
     }
 
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (times, values, mean, cov, time, history, inputs=None))]
+    #[pyo3(signature = (times, values, initial, history, inputs=None))]
     fn run<'py>(
         &self,
         py: Python<'py>,
         times: PyReadonlyArray1<'py, f64>,
         values: PyReadonlyArray2<'py, f64>,
-        mean: PyReadonlyArray1<'py, f64>,
-        cov: PyReadonlyArray2<'py, f64>,
-        time: f64,
+        initial: Option<Initial<'py>>,
         history: &str,
         inputs: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Run<'py>> {
         let times = array::vector(&times, "times")?;
         let values = array::rows(&values, "values")?;
         let inputs = inputs.map(|u| array::rows(&u, "inputs")).transpose()?;
-        let mut initial = InitialState {
-            time,
-            state: array::gaussian(&mean, &cov)?,
-        };
+        let initial = initial.map(|(time, mean, cov)| {
+            let state = array::gaussian(&mean, &cov)?;
+            Ok::<_, PyErr>(InitialState { time, state })
+        });
+        let initial = initial.transpose()?;
         let history = match history {
             "full" => History::Full,
             "filtered" => History::Filtered,
@@ -138,16 +151,25 @@ impl Filter {
             }
         };
         let inputs = inputs.as_deref();
-        compute(py, || self.filter.check(times.as_slice(), &values, &initial, inputs))?;
-        let mut run = FilterRun::default();
-        for from in (0..times.len()).step_by(CHUNK) {
+        compute(py, || {
+            self.filter.check(times.as_slice(), &values, initial.as_ref(), inputs)
+        })?;
+        let (mut initial, mut run, begin) = match initial {
+            Some(given) => (given, FilterRun::default(), 0),
+            None => {
+                let start = self.find_start(py, times.as_slice(), &values)?;
+                let run = self.filter.begun(&start, history);
+                (start.initial, run, start.row + 1)
+            }
+        };
+        for from in (begin..times.len()).step_by(CHUNK) {
             let part = from..(from + CHUNK).min(times.len());
             let inputs = inputs.map(|u| &u[part.clone()]);
             let piece = compute(py, || {
                 self.filter.run(
                     &times.as_slice()[part.clone()],
                     &values[part.clone()],
-                    &initial,
+                    Some(&initial),
                     inputs,
                     history,
                 )
@@ -166,6 +188,22 @@ impl Filter {
 }
 
 impl Filter {
+    fn find_start(&self, py: Python<'_>, times: &[f64], values: &[DVector<f64>]) -> PyResult<Start> {
+        let mut starter = compute(py, || self.filter.starter())?;
+        for from in (0..times.len()).step_by(START_CHUNK) {
+            let part = from..(from + START_CHUNK).min(times.len());
+            let found = compute(py, || starter.search(&times[part.clone()], &values[part]))?;
+            if let Some(start) = found {
+                return Ok(Start {
+                    row: from + start.row,
+                    ..start
+                });
+            }
+            py.check_signals()?;
+        }
+        Err(to_python(py, &starter.failure()))
+    }
+
     fn to_python<'py>(&self, py: Python<'py>, run: &FilterRun) -> PyResult<Run<'py>> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         let means = |list: &'_ [Gaussian]| array::from_rows(py, list.iter().map(|g| &g.mean), n);
@@ -182,6 +220,7 @@ impl Filter {
             nis: PyArray1::from_slice(py, &run.nis),
             dof: PyArray1::from_iter(py, run.dof.iter().map(|&d| i64::try_from(d).unwrap_or(i64::MAX))),
             log_likelihood: run.log_likelihood,
+            start: run.start,
         })
     }
 }

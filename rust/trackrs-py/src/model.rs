@@ -4,8 +4,12 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk};
-use trackrs::model::sensor::{LinearSensor, PositionSensor, RangeBearing, check_platform};
+use trackrs::model::sensor::{
+    LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing, Side, SoundSpeed, SpeedProfile,
+    check_platform,
+};
 use trackrs::model::{Motion as _, MotionModel, Sensor as _, SensorModel};
+use trackrs::{Error, Result};
 
 use crate::array;
 use crate::error::{compute, to_python};
@@ -89,8 +93,91 @@ pub(crate) struct Sensor {
     pub(crate) model: SensorModel,
 }
 
+/// What a position fix gives.
+#[derive(IntoPyObject)]
+pub(crate) struct Fix<'py> {
+    position: Bound<'py, PyArray1<f64>>,
+    cov: Bound<'py, PyArray2<f64>>,
+    statistic: f64,
+    dof: usize,
+    p_value: f64,
+    mirror: Option<Bound<'py, PyArray1<f64>>>,
+}
+
+fn side(name: Option<&str>) -> Result<Option<Side>> {
+    match name {
+        None => Ok(None),
+        Some("above") => Ok(Some(Side::Above)),
+        Some("below") => Ok(Some(Side::Below)),
+        Some(other) => Err(Error::invalid("side", other, "must be above or below")),
+    }
+}
+
+/// One speed, one per channel, or depths and speeds of a profile.
+fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) -> Result<Option<SoundSpeed>> {
+    Ok(match (speeds, profile) {
+        (_, Some((depths, speeds))) => Some(SoundSpeed::Profile(SpeedProfile::new(depths, speeds)?)),
+        (Some(speeds), None) if speeds.len() == 1 => Some(SoundSpeed::Uniform(speeds[0])),
+        (Some(speeds), None) => Some(SoundSpeed::PerChannel(speeds)),
+        (None, None) => None,
+    })
+}
+
 #[pymethods]
 impl Sensor {
+    #[allow(clippy::too_many_arguments)]
+    #[staticmethod]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None))]
+    fn range_array(
+        py: Python<'_>,
+        hydrophones: PyReadonlyArray2<'_, f64>,
+        range_std: Vec<f64>,
+        depth_std: Option<f64>,
+        speeds: Option<Vec<f64>>,
+        profile: Option<(Vec<f64>, Vec<f64>)>,
+        side: Option<&str>,
+        preset: Option<&str>,
+    ) -> PyResult<Self> {
+        let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
+        let model = compute(py, || {
+            let array = RangeArray::new(RangeArraySettings {
+                hydrophones,
+                range_std,
+                depth_std,
+                sound_speed: sound_speed(speeds, profile)?,
+                side: self::side(side)?,
+            })?;
+            match preset {
+                Some("bats") => array.require_bats(),
+                Some("toss") => array.require_toss(),
+                _ => Ok(array),
+            }
+        })?;
+        Ok(Self {
+            model: SensorModel::RangeArray(model),
+        })
+    }
+
+    #[pyo3(signature = (value, side=None))]
+    fn fix<'py>(&self, py: Python<'py>, value: PyReadonlyArray1<'py, f64>, side: Option<&str>) -> PyResult<Fix<'py>> {
+        let value = array::vector(&value, "values")?;
+        let fix = compute(py, || {
+            let missing = || Error::invalid("sensor", "given", "must be able to fix positions");
+            match (&self.model, self::side(side)?) {
+                (SensorModel::RangeArray(array), Some(side)) => array.fix_on(&value, Some(side)),
+                (model, _) => model.position_fix().ok_or_else(missing)?.fix(&value),
+            }
+        })?;
+        Ok(Fix {
+            position: array::from_vector(py, &fix.position.mean),
+            cov: array::from_matrix(py, &fix.position.cov)?,
+            statistic: fix.statistic,
+            dof: fix.dof,
+            p_value: fix.p_value,
+            mirror: fix.mirror.map(|m| array::from_vector(py, &m)),
+        })
+    }
+
     #[staticmethod]
     fn position(py: Python<'_>, std: Vec<f64>) -> PyResult<Self> {
         Ok(Self {

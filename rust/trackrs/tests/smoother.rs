@@ -74,7 +74,7 @@ impl Problem {
         let sensor = LinearSensor::new(self.h.clone(), self.r.clone(), DVector::zeros(self.h.nrows())).unwrap();
         Filter::kalman(self.motion.clone(), SensorModel::Linear(sensor))
             .unwrap()
-            .run(&self.times, &self.values, &self.initial, None, History::Full)
+            .run(&self.times, &self.values, Some(&self.initial), None, History::Full)
             .unwrap()
     }
 
@@ -328,7 +328,7 @@ fn appended_runs_smooth_as_one() {
     let filter = Filter::kalman(problem.motion.clone(), SensorModel::Linear(sensor)).unwrap();
     let run = |from: usize, to: usize, initial: &InitialState| {
         let (times, values) = (&problem.times[from..to], &problem.values[from..to]);
-        filter.run(times, values, initial, None, History::Full).unwrap()
+        filter.run(times, values, Some(initial), None, History::Full).unwrap()
     };
     let mut pieces = run(0, 5, &problem.initial);
     let middle = InitialState {

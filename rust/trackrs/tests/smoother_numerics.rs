@@ -48,7 +48,7 @@ fn covariance_stays_positive_definite_where_the_textbook_loses_it() {
     };
     let covs = |variance: f64, form: &dyn Fn(&[Epoch<'_>]) -> Vec<DMatrix<f64>>| {
         let run = filter
-            .run(&times, &values, &start(variance), None, History::Full)
+            .run(&times, &values, Some(&start(variance)), None, History::Full)
             .unwrap();
         form(&run.epochs().unwrap())
     };
@@ -87,7 +87,7 @@ fn a_constant_known_exactly_in_part_is_smoothed() {
     let values = vec![DVector::from_element(2, 1.0); 5];
     let run = filter
         .unwrap()
-        .run(&[1.0, 2.0, 3.0, 4.0, 5.0], &values, &initial, None, History::Full)
+        .run(&[1.0, 2.0, 3.0, 4.0, 5.0], &values, Some(&initial), None, History::Full)
         .unwrap();
     for state in fixed_interval(&run.epochs().unwrap()).unwrap().states {
         assert_relative_eq!(state.mean, run.filtered[4].mean, epsilon = 1e-15);
@@ -112,7 +112,7 @@ fn errors_name_the_culprit() {
     let values = vec![DVector::zeros(1); 4];
     let run = |history| {
         filter
-            .run(&[0.0, 0.7, 1.4, 2.1], &values, &initial, None, history)
+            .run(&[0.0, 0.7, 1.4, 2.1], &values, Some(&initial), None, history)
             .unwrap()
     };
     let full = run(History::Full);

@@ -6,3 +6,4 @@ pub mod noise;
 pub mod screen;
 pub mod sequence;
 pub mod smoother;
+pub mod start;

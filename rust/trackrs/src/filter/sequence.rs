@@ -2,10 +2,12 @@
 //!
 //! For k = 0..T: predict from the time before to t_k (the first from `initial.time`, dt = 0 allowed), then update with
 //! row k of the measurements. A row that is NaN throughout is a prediction only.
+//! Without an initial state the run begins where [`super::start`] finds one; rows before that are NaN.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::start::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
@@ -55,6 +57,8 @@ pub struct FilterRun {
     pub dof: Vec<usize>,
     /// Sum of the log-likelihoods of all rows.
     pub log_likelihood: f64,
+    /// First row of the run with an estimate: 0 when an initial state was given. Rows before it are NaN.
+    pub start: usize,
 }
 
 impl FilterRun {
@@ -147,15 +151,19 @@ impl Filter {
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
+    /// Without `initial` the run starts itself, if the sensor can fix positions.
     pub fn run(
         &self,
         times: &[f64],
         measurements: &[DVector<f64>],
-        initial: &InitialState,
+        initial: Option<&InitialState>,
         inputs: Option<&[DVector<f64>]>,
         history: History,
     ) -> Result<FilterRun> {
         self.check(times, measurements, initial, inputs)?;
+        let Some(initial) = initial else {
+            return self.run_from_fixes(times, measurements, inputs, history);
+        };
         let mut run = FilterRun::default();
         let mut state = initial.state.clone();
         let mut now = initial.time;
@@ -184,19 +192,74 @@ impl Filter {
         Ok(run)
     }
 
+    /// The search for the start of a run; an error if the models cannot start one.
+    pub fn starter(&self) -> Result<Starter<'_>> {
+        Starter::new(&self.motion, &self.sensor, START_ALPHA)
+    }
+
+    /// The rows of a run up to and with the one that starts it.
+    pub fn begun(&self, start: &Start, history: History) -> FilterRun {
+        let (n, m) = (self.motion.state_dim(), self.sensor.measurement_dim());
+        let unknown = Gaussian {
+            mean: DVector::from_element(n, f64::NAN),
+            cov: DMatrix::from_element(n, n, f64::NAN),
+        };
+        let rows = if history == History::Last { 1 } else { start.row + 1 };
+        let mut run = FilterRun {
+            filtered: vec![unknown.clone(); rows - 1],
+            innovations: vec![DVector::from_element(m, f64::NAN); rows],
+            innovation_covs: vec![DMatrix::from_element(m, m, f64::NAN); rows],
+            nis: vec![f64::NAN; rows],
+            dof: vec![0; rows],
+            start: start.row,
+            ..FilterRun::default()
+        };
+        run.filtered.push(start.initial.state.clone());
+        if history == History::Full {
+            run.predicted = vec![unknown; rows];
+            run.transitions = vec![DMatrix::identity(n, n); rows];
+            run.motion_noises = vec![DMatrix::zeros(n, n); rows];
+        }
+        run
+    }
+
+    fn run_from_fixes(
+        &self,
+        times: &[f64],
+        measurements: &[DVector<f64>],
+        inputs: Option<&[DVector<f64>]>,
+        history: History,
+    ) -> Result<FilterRun> {
+        let mut starter = self.starter()?;
+        let Some(start) = starter.search(times, measurements)? else {
+            return Err(starter.failure());
+        };
+        let mut run = self.begun(&start, history);
+        let next = start.row + 1;
+        if next < times.len() {
+            let inputs = inputs.map(|u| &u[next..]);
+            let initial = Some(&start.initial);
+            let rest = self.run(&times[next..], &measurements[next..], initial, inputs, history)?;
+            run.append(rest, history);
+        }
+        Ok(run)
+    }
+
     /// Whether a run of these would be accepted.
     pub fn check(
         &self,
         times: &[f64],
         measurements: &[DVector<f64>],
-        initial: &InitialState,
+        initial: Option<&InitialState>,
         inputs: Option<&[DVector<f64>]>,
     ) -> Result<()> {
         let n = self.motion.state_dim();
         require_finite("times", times)?;
-        require_finite("initial time", [&initial.time])?;
         require_size("measurements", times.len(), measurements.len())?;
-        require_size("initial state", n, initial.state.dim())?;
+        if let Some(initial) = initial {
+            require_finite("initial time", [&initial.time])?;
+            require_size("initial state", n, initial.state.dim())?;
+        }
         for row in measurements {
             require_size("measurement", self.sensor.measurement_dim(), row.len())?;
         }
@@ -207,7 +270,7 @@ impl Filter {
                 require_finite("input", row.iter())?;
             }
         }
-        let mut previous = initial.time;
+        let mut previous = initial.map_or(f64::NEG_INFINITY, |i| i.time);
         for &time in times {
             if time < previous {
                 return Err(Error::TimeReversed { time, previous });

@@ -54,7 +54,7 @@ pub struct Epoch<'a> {
 }
 
 impl FilterRun {
-    /// The epochs of a run with [`History::Full`](super::sequence::History::Full).
+    /// The epochs of a run with [`History::Full`](super::sequence::History::Full), from the row that starts it on.
     pub fn epochs(&self) -> Result<Vec<Epoch<'_>>> {
         let count = self.filtered.len();
         if [self.predicted.len(), self.transitions.len(), self.motion_noises.len()] != [count; 3] {
@@ -64,11 +64,20 @@ impl FilterRun {
                 "smoothing needs the predictions of a run with full history",
             ));
         }
-        Ok((0..count)
+        // A run that starts itself has no prediction of its first state; nothing before that state is smoothed either.
+        let predicted = |step: usize| {
+            let own = &self.predicted[step];
+            if step == self.start && own.mean.iter().any(|v| v.is_nan()) {
+                &self.filtered[step]
+            } else {
+                own
+            }
+        };
+        Ok((self.start.min(count)..count)
             .map(|step| Epoch {
                 step,
                 filtered: &self.filtered[step],
-                predicted: &self.predicted[step],
+                predicted: predicted(step),
                 transition: &self.transitions[step],
                 noise: &self.motion_noises[step],
             })

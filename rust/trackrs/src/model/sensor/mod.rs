@@ -1,8 +1,13 @@
 //! Sensor models. A sensor knows which of its components are angles; every residual of them wraps.
 
+pub mod closed_form;
+mod fix;
+mod heard;
 mod linear;
 mod position;
+mod range_array;
 mod range_bearing;
+mod sound_speed;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -14,9 +19,12 @@ use super::Motion;
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
 
+pub use fix::{Fix, MIRROR_GAP, PositionFix, Side};
 pub use linear::LinearSensor;
 pub use position::PositionSensor;
+pub use range_array::{RangeArray, RangeArraySettings};
 pub use range_bearing::RangeBearing;
+pub use sound_speed::{Slowness, SoundSpeed, SpeedProfile};
 
 /// How a sensor sees a state. `platform` is the position of the moving body that carries the sensor, where there is one.
 pub trait Sensor: Debug + Send + Sync {
@@ -46,6 +54,10 @@ pub trait Sensor: Debug + Send + Sync {
     }
     /// The position that one measurement gives by itself, with its covariance, where it gives one.
     fn locate(&self, _measurement: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Option<Gaussian> {
+        None
+    }
+    /// The sensor as one whose measurements fix positions well enough, and test them, for a filter to start by itself.
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
         None
     }
 }
@@ -88,6 +100,8 @@ pub enum SensorModel {
     Position(PositionSensor),
     /// See [`RangeBearing`].
     RangeBearing(RangeBearing),
+    /// See [`RangeArray`].
+    RangeArray(RangeArray),
     /// See [`LinearSensor`].
     Linear(LinearSensor),
     /// A model from outside the library. It cannot be saved.
@@ -100,6 +114,7 @@ impl SensorModel {
         match self {
             Self::Position(s) => s,
             Self::RangeBearing(s) => s,
+            Self::RangeArray(s) => s,
             Self::Linear(s) => s,
             Self::Custom(s) => s.as_ref(),
         }
@@ -136,6 +151,9 @@ impl Sensor for SensorModel {
     }
     fn locate(&self, measurement: &DVector<f64>, platform: Option<&DVector<f64>>) -> Option<Gaussian> {
         self.as_sensor().locate(measurement, platform)
+    }
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
+        self.as_sensor().position_fix()
     }
 }
 

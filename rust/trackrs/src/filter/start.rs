@@ -1,0 +1,309 @@
+//! A state from position fixes: how a filter begins without being told where.
+//!
+//! | symbol   | name here    | shape | meaning                                                       |
+//! |----------|--------------|-------|---------------------------------------------------------------|
+//! | r        | `order`      |       | derivatives in the state: 1 position, 2 velocity, 3 acceleration |
+//! | p_i, C_i | `position`   | d, d×d | fixes at t_1 < … < t_r, and their covariances                |
+//! | V        | `vandermonde` | r×r  | V_ij = (t_i − t_r)^j / j!                                     |
+//! | W_i      | `noise`      | n×n   | covariance of the motion noise from t_i to t_r                |
+//!
+//! The polynomial through r fixes, at the time of the last (U12): x = (V⁻¹ ⊗ I) [p_1; …; p_r],
+//! P = (V⁻¹ ⊗ I) blkdiag(C_1, …, C_r) (V⁻¹ ⊗ I)ᵀ: position, velocity and acceleration are strongly correlated.
+//!
+//! With a motion model, the noise between the fixes is added: p_i = v_i (x − w_i) + e_i with v_i row i of V ⊗ I, so that
+//! E[v_i w_i (v_j w_j)ᵀ] = v_i W_j v_jᵀ for i ≤ j joins the covariance of the fixes. Without one it is U12 as it stands.
+//!
+//! A run starts at the third of three consecutive measurements whose fixes all pass the test of their redundancy.
+//! Reference: paper of Xi, Liu, Tao, Lu, initial values; spec label U12 and first-epoch condition.
+//! Deviation: the paper takes the velocity of the first interval and a block-diagonal covariance.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::sequence::InitialState;
+use crate::error::{Error, Result, require_finite, require_size};
+use crate::gaussian::Gaussian;
+use crate::linalg::symmetric::symmetrise;
+use crate::model::{Motion, Sensor, sensor::PositionFix};
+
+/// Fixes in a row that must pass before a run starts.
+const CONSECUTIVE: usize = 3;
+/// Level of the test of each of them: one good fix in a hundred delays the start.
+pub const START_ALPHA: f64 = 0.01;
+
+/// A position at a time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedFix {
+    /// Seconds.
+    pub time: f64,
+    /// Position and covariance.
+    pub position: Gaussian,
+}
+
+/// The state at the last of `order` fixes: position, velocity and acceleration as far as `order` goes.
+///
+/// With a `motion` its noise between the fixes counts in the covariance.
+pub fn start_state(fixes: &[TimedFix], order: usize, motion: Option<&dyn Motion>) -> Result<InitialState> {
+    let d = check(fixes, order, motion)?;
+    let times: Vec<f64> = fixes.iter().map(|f| f.time).collect();
+    let last = times[order - 1];
+    let vandermonde = DMatrix::from_fn(order, order, |i, j| {
+        let t = times[i] - last;
+        [1.0, t, t * t / 2.0][j]
+    });
+    let Some(inverse) = vandermonde.clone().try_inverse() else {
+        return Err(Error::invalid("times of the fixes", "given", "must lie farther apart"));
+    };
+    let mut stacked = DVector::zeros(order * d);
+    let mut cov = DMatrix::zeros(order * d, order * d);
+    for (i, fix) in fixes.iter().enumerate() {
+        stacked.rows_mut(i * d, d).copy_from(&fix.position.mean);
+        cov.view_mut((i * d, i * d), (d, d)).copy_from(&fix.position.cov);
+    }
+    let identity = DMatrix::<f64>::identity(d, d);
+    if let Some(motion) = motion {
+        add_noise(&mut cov, &times, &vandermonde.kronecker(&identity), motion);
+    }
+    let solve = inverse.kronecker(&identity);
+    let mean = &solve * stacked;
+    let mut cov = &solve * cov * solve.transpose();
+    symmetrise(&mut cov);
+    Ok(InitialState {
+        time: last,
+        state: Gaussian { mean, cov },
+    })
+}
+
+/// The dimension d of the fixes.
+fn check(fixes: &[TimedFix], order: usize, motion: Option<&dyn Motion>) -> Result<usize> {
+    if !(1..=3).contains(&order) {
+        return Err(Error::invalid("order", order, "must be 1, 2 or 3"));
+    }
+    require_size("fixes", order, fixes.len())?;
+    let d = fixes[0].position.dim();
+    for fix in fixes {
+        require_size("position of a fix", d, fix.position.dim())?;
+        require_finite("time of a fix", [&fix.time])?;
+    }
+    if let Some(motion) = motion {
+        require_size("state of the motion model", order * d, motion.state_dim())?;
+    }
+    for pair in fixes.windows(2) {
+        let (previous, time) = (pair[0].time, pair[1].time);
+        if time < previous {
+            return Err(Error::TimeReversed { time, previous });
+        }
+        if time == previous {
+            return Err(Error::invalid("time of a fix", time, "must differ from the one before"));
+        }
+    }
+    Ok(d)
+}
+
+fn add_noise(cov: &mut DMatrix<f64>, times: &[f64], rows: &DMatrix<f64>, motion: &dyn Motion) {
+    let (order, n) = (times.len(), motion.state_dim());
+    let d = n / order;
+    let origin = DVector::zeros(n);
+    let last = times[order - 1];
+    let mut noise = DMatrix::zeros(n, n);
+    for j in (0..order.saturating_sub(1)).rev() {
+        let f = motion.jacobian(&origin, last - times[j + 1]);
+        noise += &f * motion.noise(times[j + 1] - times[j]) * f.transpose();
+        let right = &noise * rows.rows(j * d, d).transpose();
+        for i in 0..=j {
+            let block = rows.rows(i * d, d) * &right;
+            let mut upper = cov.view_mut((i * d, j * d), (d, d));
+            upper += &block;
+            if i < j {
+                let mut lower = cov.view_mut((j * d, i * d), (d, d));
+                lower += block.transpose();
+            }
+        }
+    }
+}
+
+/// Where a run starts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Row of the measurement at whose time the state holds, counted in what was last searched.
+    pub row: usize,
+    /// The state, with that measurement in it.
+    pub initial: InitialState,
+}
+
+/// Looks through measurements for the first from which a run can start.
+#[derive(Clone)]
+pub struct Starter<'a> {
+    motion: &'a dyn Motion,
+    fixer: &'a dyn PositionFix,
+    order: usize,
+    alpha: f64,
+    recent: Vec<TimedFix>,
+    refused: Option<Error>,
+}
+
+impl<'a> Starter<'a> {
+    /// A search with fixes tested at level `alpha`; an error if these models cannot start a state.
+    pub fn new(motion: &'a dyn Motion, sensor: &'a dyn Sensor, alpha: f64) -> Result<Self> {
+        let missing = |why: &str| Err(Error::invalid("initial", "missing", why));
+        let Some(fixer) = sensor.position_fix() else {
+            return missing("must be given: the sensor alone cannot start a state");
+        };
+        let Some(order) = kinematic_order(motion) else {
+            return missing("must be given: only a state of position, velocity and acceleration starts by itself");
+        };
+        crate::error::require_probability("alpha", alpha)?;
+        Ok(Self {
+            motion,
+            fixer,
+            order,
+            alpha,
+            recent: Vec::new(),
+            refused: None,
+        })
+    }
+
+    /// The first start in these measurements, which follow those searched before.
+    pub fn search(&mut self, times: &[f64], measurements: &[DVector<f64>]) -> Result<Option<Start>> {
+        for (row, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
+            if let Some(initial) = self.push(time, measurement)? {
+                return Ok(Some(Start { row, initial }));
+            }
+        }
+        Ok(None)
+    }
+
+    fn push(&mut self, time: f64, measurement: &DVector<f64>) -> Result<Option<InitialState>> {
+        match self.tested(measurement) {
+            Ok(position) => {
+                if self.recent.last().is_some_and(|last| last.time == time) {
+                    self.recent.clear();
+                }
+                self.recent.push(TimedFix { time, position });
+            }
+            // An infinite number is a fault of the caller, not of the sea.
+            Err(error @ (Error::NonFinite { .. } | Error::DimensionMismatch { .. })) => return Err(error),
+            Err(error) => {
+                self.recent.clear();
+                self.refused.get_or_insert(error);
+            }
+        }
+        if self.recent.len() < CONSECUTIVE {
+            return Ok(None);
+        }
+        let used = &self.recent[CONSECUTIVE - self.order..];
+        start_state(used, self.order, Some(self.motion)).map(Some)
+    }
+
+    /// A fix that passed its test. Where the sensor has redundancy, a fix without any is not good enough.
+    fn tested(&self, measurement: &DVector<f64>) -> Result<Gaussian> {
+        let fix = self.fixer.fix(measurement)?;
+        if fix.dof == 0 && self.fixer.redundancy() > 0 {
+            let reason = "too few components to test the fix";
+            return Err(Error::invalid("measurement", "incomplete", reason));
+        }
+        if fix.p_value < self.alpha {
+            let requirement = format!("must be at least {} to start from this fix", self.alpha);
+            return Err(Error::invalid("p_value of the fix", fix.p_value, &requirement));
+        }
+        Ok(fix.position)
+    }
+
+    /// The error of a search that found nothing.
+    pub fn failure(&self) -> Error {
+        let first = self
+            .refused
+            .as_ref()
+            .map_or(String::new(), |e| format!("; first refusal: {e}"));
+        Error::Unobservable {
+            sensor: "the array".into(),
+            reason: format!(
+                "no {CONSECUTIVE} consecutive measurements gave position fixes that pass their test (alpha = {}){first}",
+                self.alpha
+            ),
+        }
+    }
+}
+
+/// How many derivatives a state of blocks `x y z vx vy vz ax ay az` holds; None for another kind of state.
+fn kinematic_order(motion: &dyn Motion) -> Option<usize> {
+    let d = motion.position_dims();
+    let labels = motion.labels();
+    let order = labels.len().checked_div(d)?;
+    let fits = |(i, label): (usize, &String)| *label == format!("{}{}", ["", "v", "a"][i / d], labels[i % d]);
+    let kinematic = (1..=3).contains(&order) && labels.len() == order * d && labels.iter().enumerate().all(fits);
+    kinematic.then_some(order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise};
+    use approx::assert_relative_eq;
+
+    fn fix(time: f64, x: f64, variance: f64) -> TimedFix {
+        TimedFix {
+            time,
+            position: Gaussian {
+                mean: DVector::from_vec(vec![x]),
+                cov: DMatrix::from_element(1, 1, variance),
+            },
+        }
+    }
+
+    #[test]
+    fn equal_steps_are_the_difference_formulas() {
+        let (dt, p) = (0.5, [1.0, 2.0, 4.5]);
+        let fixes = [fix(0.0, p[0], 1.0), fix(dt, p[1], 2.0), fix(2.0 * dt, p[2], 3.0)];
+        let start = start_state(&fixes, 3, None).unwrap();
+        let v = (3.0 * p[2] - 4.0 * p[1] + p[0]) / (2.0 * dt);
+        let a = (p[2] - 2.0 * p[1] + p[0]) / (dt * dt);
+        assert_relative_eq!(start.state.mean, DVector::from_vec(vec![p[2], v, a]), epsilon = 1e-12);
+        assert_relative_eq!(start.state.cov[(2, 2)], (1.0 + 8.0 + 3.0) / dt.powi(4), epsilon = 1e-9);
+        let two = start_state(&fixes[1..], 2, None).unwrap();
+        assert_relative_eq!(two.state.mean[1], (p[2] - p[1]) / dt, epsilon = 1e-12);
+        assert_eq!(two.time, 1.0);
+        assert_eq!(start_state(&fixes[2..], 1, None).unwrap().state, fixes[2].position);
+    }
+
+    /// The information filter over the same fixes, started from nothing, is the same estimate.
+    #[test]
+    fn noise_between_fixes_agrees_with_a_filter_from_a_flat_prior() {
+        let fixes = [fix(0.0, 1.0, 1.0), fix(0.7, 2.0, 2.0), fix(2.0, 4.5, 3.0)];
+        let models: [(&dyn Motion, usize); 2] = [
+            (&ConstantAcceleration::new(KinematicNoise::Psd(vec![0.5])).unwrap(), 3),
+            (&ConstantVelocity::new(KinematicNoise::Std(vec![0.8])).unwrap(), 2),
+        ];
+        for (motion, order) in models {
+            let used = &fixes[3 - order..];
+            let start = start_state(used, order, Some(motion)).unwrap();
+            let mut state = Gaussian {
+                mean: DVector::zeros(order),
+                cov: DMatrix::identity(order, order) * 1e8,
+            };
+            let mut now = used[0].time;
+            for f in used {
+                state = super::super::kalman::predict(&state, motion, f.time - now, None);
+                now = f.time;
+                let h = DMatrix::identity(1, order);
+                let r = &f.position.mean - &h * &state.mean;
+                let prediction =
+                    super::super::kalman::MeasurementPrediction::new(&state, h, f.position.cov.clone()).unwrap();
+                state = prediction.posterior(&state, &r);
+            }
+            assert_relative_eq!(start.state.mean, state.mean, max_relative = 1e-4);
+            assert_relative_eq!(start.state.cov, state.cov, max_relative = 1e-4);
+        }
+    }
+
+    #[test]
+    fn times_must_increase_and_counts_agree() {
+        let at = |t| fix(t, 1.0, 1.0);
+        assert!(matches!(
+            start_state(&[at(1.0), at(0.0)], 2, None),
+            Err(Error::TimeReversed { .. })
+        ));
+        assert!(start_state(&[at(1.0), at(1.0)], 2, None).is_err());
+        assert!(start_state(&[at(1.0)], 2, None).is_err());
+        assert!(start_state(&[], 0, None).is_err());
+    }
+}

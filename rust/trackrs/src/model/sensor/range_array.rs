@@ -1,0 +1,351 @@
+//! Ranges from several hydrophones, or their travel times, and the depth where the target reports it.
+//!
+//! | symbol | name here            | shape | meaning                                             |
+//! |--------|----------------------|-------|-----------------------------------------------------|
+//! | p_i    | `hydrophones`        | k×d   | positions, metres; in 3 dimensions z is depth, positive down |
+//! | σ_i    | `range_std`          | k     | standard deviation of a range, metres               |
+//! | σ_Z    | `depth_std`          |       | standard deviation of the depth, metres             |
+//! | s̄_i    | [`SoundSpeed`]       |       | mean slowness of the ray, s/m, for travel times     |
+//!
+//! ranges (metres):  h_i = |x − p_i|,  ∂h_i/∂x = (x − p_i)ᵀ/h_i;  depth, the last component: h = z, ∂h/∂x = e_zᵀ
+//! travel times (seconds), when a sound speed is given:  T_i = h_i s̄_i,  ∂T_i/∂x = s̄_i ∂h_i/∂x + h_i ∂s̄_i/∂z e_zᵀ,
+//! with standard deviation σ_i / c, c the effective speed or, of a profile, the speed at the hydrophone.
+//!
+//! NaN = not heard. A target on a hydrophone has no derivative: an error that names the channel.
+//! Reference: paper of Xi, Liu, Tao, Lu, measurement equations; spec label U5.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::closed_form::{COLLINEAR, widest};
+use super::fix::{Fix, PositionFix, Side};
+use super::sound_speed::SoundSpeed;
+use super::{Motion, Sensor};
+use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use crate::gaussian::Gaussian;
+
+/// What a [`RangeArray`] is made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RangeArraySettings {
+    /// Positions of the hydrophones, k×d with d = 2 or 3, metres; z positive down.
+    #[serde(with = "crate::linalg::saved::matrix")]
+    pub hydrophones: DMatrix<f64>,
+    /// Standard deviations of the ranges, metres: one for all, or one per channel.
+    pub range_std: Vec<f64>,
+    /// Standard deviation of the depth that comes last in the measurement, metres, where there is one.
+    pub depth_std: Option<f64>,
+    /// Measurements are travel times in seconds if this is given, else ranges in metres.
+    pub sound_speed: Option<SoundSpeed>,
+    /// Which of two mirror images the target is, where a position fix leaves both.
+    pub side: Option<Side>,
+}
+
+/// Hydrophones (or radio anchors) that measure the range to one target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RangeArray {
+    pub(super) settings: RangeArraySettings,
+}
+
+/// One expected component of a measurement, its gradient on the position, and its standard deviation.
+pub(super) struct Row {
+    pub(super) value: f64,
+    pub(super) gradient: DVector<f64>,
+    pub(super) std: f64,
+}
+
+impl RangeArray {
+    /// The checked array.
+    pub fn new(mut settings: RangeArraySettings) -> Result<Self> {
+        let (channels, dims) = settings.hydrophones.shape();
+        if !(2..=3).contains(&dims) {
+            return Err(Error::invalid("dimensions of hydrophones", dims, "must be 2 or 3"));
+        }
+        if channels == 0 {
+            return Err(Error::invalid(
+                "hydrophones",
+                "an empty array",
+                "must have at least one",
+            ));
+        }
+        require_finite("hydrophones", settings.hydrophones.transpose().iter())?;
+        if settings.range_std.len() == 1 {
+            settings.range_std = vec![settings.range_std[0]; channels];
+        }
+        require_size("range_std", channels, settings.range_std.len())?;
+        for &std in &settings.range_std {
+            require_positive("range_std", std)?;
+        }
+        if let Some(std) = settings.depth_std {
+            require_positive("depth_std", std)?;
+            if dims < 3 {
+                let requirement = "needs hydrophones in 3 dimensions";
+                return Err(Error::invalid("depth_std", std, requirement));
+            }
+        }
+        if let Some(speed) = &settings.sound_speed {
+            speed.check(channels, dims)?;
+        }
+        Ok(Self { settings })
+    }
+
+    /// Three hydrophones and the target's depth.
+    pub fn bats(
+        hydrophones: DMatrix<f64>,
+        range_std: f64,
+        depth_std: f64,
+        sound_speed: Option<SoundSpeed>,
+    ) -> Result<Self> {
+        let settings = RangeArraySettings {
+            hydrophones,
+            range_std: vec![range_std],
+            depth_std: Some(depth_std),
+            sound_speed,
+            side: None,
+        };
+        Self::new(settings)?.require_bats()
+    }
+
+    /// Six hydrophones on the sea floor and no depth. They lie almost in one plane: `side` says where the target is.
+    pub fn toss(
+        hydrophones: DMatrix<f64>,
+        range_std: f64,
+        sound_speed: Option<SoundSpeed>,
+        side: Side,
+    ) -> Result<Self> {
+        let settings = RangeArraySettings {
+            hydrophones,
+            range_std: vec![range_std],
+            depth_std: None,
+            sound_speed,
+            side: Some(side),
+        };
+        Self::new(settings)?.require_toss()
+    }
+
+    /// The array itself if it is three hydrophones, not collinear in plan, with depth.
+    pub fn require_bats(self) -> Result<Self> {
+        require_size("hydrophones of a BATS array", 3, self.channels())?;
+        require_size("measurement of a BATS array", 4, self.measurement_dim())?;
+        self.require_spread(2, "must not be collinear in plan")
+    }
+
+    /// The array itself if it is six hydrophones in 3 dimensions, not collinear, without depth.
+    pub fn require_toss(self) -> Result<Self> {
+        require_size("hydrophones of a TOSS array", 6, self.channels())?;
+        require_size("dimensions of hydrophones", 3, self.dims())?;
+        require_size("measurement of a TOSS array", 6, self.measurement_dim())?;
+        self.require_spread(3, "must not be collinear")
+    }
+
+    fn require_spread(self, dims: usize, requirement: &str) -> Result<Self> {
+        let points: Vec<DVector<f64>> = (0..self.channels())
+            .map(|i| self.hydrophone(i).rows(0, dims).into_owned())
+            .collect();
+        match widest(&points, COLLINEAR) {
+            Some(triple) if triple.third.is_some() => Ok(self),
+            _ => Err(Error::invalid("hydrophones", "given", requirement)),
+        }
+    }
+
+    /// Number k of hydrophones.
+    pub fn channels(&self) -> usize {
+        self.settings.hydrophones.nrows()
+    }
+
+    /// Number d of coordinates.
+    pub fn dims(&self) -> usize {
+        self.settings.hydrophones.ncols()
+    }
+
+    /// Position of hydrophone i, length d.
+    pub(super) fn hydrophone(&self, i: usize) -> DVector<f64> {
+        self.settings.hydrophones.row(i).transpose()
+    }
+
+    /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position.
+    pub(super) fn row(&self, channel: usize, position: &DVector<f64>) -> Result<Row> {
+        let dims = self.dims();
+        if channel == self.channels() {
+            let mut gradient = DVector::zeros(dims);
+            gradient[dims - 1] = 1.0;
+            return Ok(Row {
+                value: position[dims - 1],
+                gradient,
+                std: self.std(channel),
+            });
+        }
+        let hydrophone = self.hydrophone(channel);
+        let offset = position - &hydrophone;
+        let range = offset.norm();
+        if range == 0.0 {
+            return Err(Error::Unobservable {
+                sensor: "RangeArray".into(),
+                reason: format!("the target stands on the hydrophone of channel {channel}"),
+            });
+        }
+        let mut gradient = offset / range;
+        let mut value = range;
+        if let Some(speed) = &self.settings.sound_speed {
+            let slowness = speed.slowness(channel, position[dims - 1], hydrophone[dims - 1]);
+            value = range * slowness.mean;
+            gradient *= slowness.mean;
+            gradient[dims - 1] += range * slowness.slope;
+        }
+        Ok(Row {
+            value,
+            gradient,
+            std: self.std(channel),
+        })
+    }
+
+    /// Standard deviation of a component, in the unit of the measurement.
+    fn std(&self, channel: usize) -> f64 {
+        match self.settings.range_std.get(channel) {
+            Some(&std) => std / self.metres_per_unit(channel, None),
+            None => self.settings.depth_std.unwrap_or(f64::NAN),
+        }
+    }
+
+    /// How many metres of range one unit of the measurement is: 1, or the effective speed for this depth of the target
+    /// (that at the hydrophone where it is not known).
+    pub(super) fn metres_per_unit(&self, channel: usize, depth: Option<f64>) -> f64 {
+        let Some(speed) = &self.settings.sound_speed else {
+            return 1.0;
+        };
+        let own = self.settings.hydrophones[(channel, self.dims() - 1)];
+        1.0 / speed.slowness(channel, depth.unwrap_or(own), own).mean
+    }
+}
+
+impl Sensor for RangeArray {
+    fn measurement_dim(&self) -> usize {
+        self.channels() + usize::from(self.settings.depth_std.is_some())
+    }
+    fn labels(&self) -> Vec<String> {
+        let kind = if self.settings.sound_speed.is_some() {
+            "time"
+        } else {
+            "range"
+        };
+        let mut labels: Vec<String> = (0..self.channels()).map(|i| format!("{kind}{i}")).collect();
+        if self.settings.depth_std.is_some() {
+            labels.push("depth".into());
+        }
+        labels
+    }
+    fn check(&self, motion: &dyn Motion) -> Result<()> {
+        require_size("position of the motion model", self.dims(), motion.position_dims())
+    }
+    fn observe(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DVector<f64>> {
+        let position = self.position_of(state)?;
+        let mut out = DVector::zeros(self.measurement_dim());
+        for i in 0..out.len() {
+            out[i] = self.row(i, &position)?.value;
+        }
+        Ok(out)
+    }
+    fn jacobian(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
+        let position = self.position_of(state)?;
+        let mut out = DMatrix::zeros(self.measurement_dim(), state.len());
+        for i in 0..out.nrows() {
+            let gradient = self.row(i, &position)?.gradient;
+            for (j, &g) in gradient.iter().enumerate() {
+                out[(i, j)] = g;
+            }
+        }
+        Ok(out)
+    }
+    fn noise(&self) -> DMatrix<f64> {
+        let m = self.measurement_dim();
+        let variance = |i| {
+            let std: f64 = self.std(i);
+            std * std
+        };
+        DMatrix::from_diagonal(&DVector::from_iterator(m, (0..m).map(variance)))
+    }
+    fn locate(&self, measurement: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Option<Gaussian> {
+        self.fix_on(measurement, self.settings.side)
+            .ok()
+            .map(|fix| fix.position)
+    }
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
+        Some(self)
+    }
+}
+
+impl RangeArray {
+    fn position_of(&self, state: &DVector<f64>) -> Result<DVector<f64>> {
+        if state.len() < self.dims() {
+            return Err(Error::dimension("state", self.dims(), state.len()));
+        }
+        Ok(state.rows(0, self.dims()).into_owned())
+    }
+}
+
+impl PositionFix for RangeArray {
+    fn fix(&self, measurement: &DVector<f64>) -> Result<Fix> {
+        self.fix_on(measurement, self.settings.side)
+    }
+    fn redundancy(&self) -> usize {
+        self.measurement_dim().saturating_sub(self.dims())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> RangeArraySettings {
+        RangeArraySettings {
+            hydrophones: DMatrix::from_row_slice(3, 3, &[0.0, 0.0, 250.0, 1000.0, 0.0, 252.0, 500.0, 866.0, 248.0]),
+            range_std: vec![1.0],
+            depth_std: Some(0.3),
+            sound_speed: None,
+            side: None,
+        }
+    }
+
+    #[test]
+    fn target_on_a_hydrophone_names_the_channel() {
+        let array = RangeArray::new(settings()).unwrap();
+        let state = DVector::from_vec(vec![1000.0, 0.0, 252.0, 1.0, 1.0, 1.0]);
+        for error in [
+            array.observe(&state, None).unwrap_err(),
+            array.jacobian(&state, None).unwrap_err(),
+        ] {
+            assert!(matches!(&error, Error::Unobservable { .. }));
+            assert!(error.to_string().contains("channel 1"), "{error}");
+        }
+    }
+
+    #[test]
+    fn bad_settings_are_refused_by_name() {
+        type Change = fn(&mut RangeArraySettings);
+        let changes: [(&str, Change); 6] = [
+            ("range_std", |s| s.range_std = vec![1.0, 2.0]),
+            ("range_std", |s| s.range_std = vec![0.0]),
+            ("depth_std", |s| s.depth_std = Some(-1.0)),
+            ("depth_std", |s| s.hydrophones = DMatrix::identity(3, 2)),
+            ("hydrophones", |s| s.hydrophones[(0, 0)] = f64::NAN),
+            ("hydrophones", |s| s.hydrophones = DMatrix::zeros(0, 3)),
+        ];
+        for (name, change) in changes {
+            let mut bad = settings();
+            change(&mut bad);
+            let error = RangeArray::new(bad).unwrap_err().to_string();
+            assert!(error.contains(name), "{error}");
+        }
+    }
+
+    #[test]
+    fn presets_check_their_geometry() {
+        let good = settings().hydrophones;
+        assert!(RangeArray::bats(good.clone(), 1.0, 0.3, None).is_ok());
+        assert!(RangeArray::toss(good.clone(), 1.0, None, Side::Above).is_err());
+        let mut line = good;
+        line.set_column(1, &DVector::zeros(3));
+        assert!(RangeArray::bats(line, 1.0, 0.3, None).is_err());
+        let ladder = DMatrix::from_fn(6, 3, |i, j| (i * (j + 1)) as f64);
+        assert!(RangeArray::toss(ladder, 1.0, None, Side::Above).is_err());
+    }
+}
