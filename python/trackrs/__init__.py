@@ -1,5 +1,6 @@
 """trackrs: from raw sensor reports to tracks with honest covariances."""
 
+from trackrs import geodesy
 from trackrs._trackrs import __version__
 from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
 from trackrs.errors import (
@@ -88,6 +89,7 @@ __all__ = [
     "__version__",
     "assign",
     "evaluate",
+    "geodesy",
     "gospa",
     "nees",
     "nis",
