@@ -9,7 +9,7 @@
 //!
 //! p′ᵢ = NED(fix),  Cᵢ = T diag(σ_N², σ_E², σ_D²) Tᵀ, T from the NED axes at the fix to those at the origin
 //! start:    Umeyama's closed form with weights 3 / tr Cᵢ
-//! repeat:   x = (Σ Aᵢᵀ Cᵢ⁻¹ Aᵢ)⁻¹ Σ Aᵢᵀ Cᵢ⁻¹ vᵢ,  μ′ += δc,  s ← s exp λ,  R ← exp([ω]×) R
+//! repeat:   x = (Σ Aᵢᵀ Cᵢ⁻¹ Aᵢ)⁻¹ Σ Aᵢᵀ Cᵢ⁻¹ vᵢ,  μ′ += δc,  s ← s exp λ,  R ← exp(ω×) R
 //! cov of (μ′, ln s, ω) = (Σ Aᵢᵀ Cᵢ⁻¹ Aᵢ)⁻¹,  χ² = Σ vᵢᵀ Cᵢ⁻¹ vᵢ with 3m − 7 degrees of freedom for m fixes
 //! element:  p′ = t + s R p,  P′ = A cov Aᵀ
 //!
@@ -139,7 +139,7 @@ fn refine(
     ))
 }
 
-/// exp([ω]×), by Rodrigues' formula.
+/// exp(ω×), by Rodrigues' formula.
 fn turn_by(omega: &Vector3<f64>) -> Matrix3<f64> {
     let angle = omega.norm();
     if angle == 0.0 {

@@ -8,14 +8,15 @@
 //! | μ, μ′      | `centre`, `image`    | 3     | a point of the source frame and its image, t = μ′ − s R μ   |
 //! | vᵢ         | `residuals`          | 3     | p′ᵢ − t − s R pᵢ                                            |
 //! | σ₀²        | `variance`           |       | a-posteriori variance of an observation of weight 1         |
-//! | δc, λ, ω   |                      | 3,1,3 | errors of μ′, of ln s, and of R: exp([ω]×) R                |
+//! | δc, λ, ω   |                      | 3,1,3 | errors of μ′, of ln s, and of R: exp(ω×) R                  |
 //! | C, Σ       | `centred_cov`, `cov()` | 7×7 | covariance of (δc, λ, ω), and of (δt, λ, ω)                 |
+//! | a×         |                      | 3×3   | matrix of the cross product, (a×) b = a × b                 |
 //!
 //! μ = Σ wᵢ pᵢ / Σ wᵢ,  μ′ likewise,  H = Σ wᵢ (p′ᵢ − μ′)(pᵢ − μ)ᵀ = U D Vᵀ,  S = diag(1, 1, det U det V)
-//! R = U S Vᵀ,  s = tr(D S) / Σ wᵢ |pᵢ − μ|²                                                  [Umeyama (34)-(43)]
+//! R = U S Vᵀ,  s = tr(D S) / Σ wᵢ |pᵢ − μ|²                                                  (Umeyama, (34) to (43))
 //! σ₀² = Σ wᵢ |vᵢ|² / (3n − 7)
-//! At the solution, with qᵢ = s R (pᵢ − μ):  δp′ᵢ = Aᵢ (δc, λ, ω),  Aᵢ = [I, qᵢ, −[qᵢ]×]
-//! C = σ₀² (Σ wᵢ Aᵢᵀ Aᵢ)⁻¹,  Σ = J C Jᵀ with δt = δc − λ m + [m]× ω,  m = s R μ
+//! At the solution, with qᵢ = s R (pᵢ − μ):  δp′ᵢ = Aᵢ (δc, λ, ω),  Aᵢ = [I, qᵢ, −qᵢ×]
+//! C = σ₀² (Σ wᵢ Aᵢᵀ Aᵢ)⁻¹,  Σ = J C Jᵀ with δt = δc − λ m + m× ω,  m = s R μ
 //! A point with covariance P:  p′ = μ′ + q,  P′ = A C Aᵀ + s² R P Rᵀ.
 //!
 //! First order in the errors; those of the source are not modelled apart, they show in σ₀². Everything is evaluated
@@ -223,7 +224,7 @@ pub(super) fn normal_equations(
     })
 }
 
-/// A = [I, q, −[q]×], the last four columns divided by `length`.
+/// A = [I, q, −q×], the last four columns divided by `length`.
 fn design(q: &Vector3<f64>, length: f64) -> SMatrix<f64, 3, 7> {
     let q = q / length;
     let mut a = SMatrix::<f64, 3, 7>::zeros();
