@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
+    from trackrs import geodesy
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
         BusyError,
@@ -109,6 +110,7 @@ __all__ = [
     "__version__",
     "assign",
     "evaluate",
+    "geodesy",
     "gospa",
     "nees",
     "nis",
@@ -116,12 +118,16 @@ __all__ = [
     "rmse",
 ]
 
+_MODULES = ("geodesy",)
+
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = ("association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
 
 
 def __getattr__(name: str) -> object:
     """Find a public name in its module and keep it."""
+    if name in _MODULES:
+        return import_module(f"trackrs.{name}")
     if name in __all__:
         for home in _HOMES:
             module = import_module(f"trackrs.{home}")

@@ -11,17 +11,23 @@ _Array: TypeAlias = NDArray[np.float64]
 
 __all__ = [
     "Filter",
+    "LocalFrame",
     "Motion",
     "Sensor",
     "Tracker",
     "__version__",
+    "apply_similarity",
     "assign",
     "chi_square_quantile",
+    "ecef_to_geodetic",
     "evaluate",
+    "fit_similarity",
+    "geodetic_to_ecef",
     "gospa",
     "nees",
     "ospa",
     "smooth",
+    "place_array",
 ]
 
 __version__: str
@@ -115,6 +121,34 @@ def smooth(
     transitions: _Array,
     motion_noises: _Array,
     lag: int | None = None,
+@final
+class LocalFrame:
+    def __new__(cls, lat: float, lon: float, height: float, axes: str) -> LocalFrame: ...
+    def rotation(self) -> _Array: ...
+    def from_geodetic(self, positions: _Array) -> _Array: ...
+    def to_geodetic(self, points: _Array) -> _Array: ...
+    def from_ecef(self, points: _Array) -> _Array: ...
+    def to_ecef(self, points: _Array) -> _Array: ...
+    def cov_from_ecef(self, covs: _Array) -> _Array: ...
+    def cov_to_ecef(self, covs: _Array) -> _Array: ...
+
+def geodetic_to_ecef(positions: _Array) -> _Array: ...
+def ecef_to_geodetic(points: _Array) -> _Array: ...
+def fit_similarity(source: _Array, target: _Array, weights: _Array | None = None) -> dict[str, Any]: ...
+def apply_similarity(
+    scale: float,
+    rotation: _Array,
+    centre: _Array,
+    image: _Array,
+    centred_cov: _Array,
+    points: _Array,
+    covs: _Array,
+) -> dict[str, Any]: ...
+def place_array(
+    elements: _Array,
+    fixes: _Array,
+    stds: _Array,
+    origin: tuple[float, float, float],
 ) -> dict[str, Any]: ...
 def assign(costs: _Array) -> tuple[NDArray[np.int64], float]: ...
 def chi_square_quantile(probability: float, dof: int) -> float: ...

@@ -6,6 +6,7 @@ mod array;
 mod association;
 mod error;
 mod filter;
+mod geodesy;
 mod metric;
 mod model;
 mod smoother;
@@ -20,6 +21,10 @@ mod _trackrs {
     use crate::association::assign;
     #[pymodule_export]
     use crate::filter::Filter;
+    #[pymodule_export]
+    use crate::geodesy::{
+        LocalFrame, apply_similarity, ecef_to_geodetic, fit_similarity, geodetic_to_ecef, place_array,
+    };
     #[pymodule_export]
     use crate::metric::{evaluate, gospa, nees, ospa};
     #[pymodule_export]

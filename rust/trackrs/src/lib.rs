@@ -8,6 +8,7 @@ pub mod event;
 pub mod filter;
 pub mod gating;
 pub mod gaussian;
+pub mod geodesy;
 pub mod linalg;
 pub mod metric;
 pub mod model;
