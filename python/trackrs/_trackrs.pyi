@@ -26,8 +26,8 @@ __all__ = [
     "gospa",
     "nees",
     "ospa",
-    "smooth",
     "place_array",
+    "smooth",
 ]
 
 __version__: str
@@ -121,6 +121,8 @@ def smooth(
     transitions: _Array,
     motion_noises: _Array,
     lag: int | None = None,
+) -> dict[str, _Array]: ...
+
 @final
 class LocalFrame:
     def __new__(cls, lat: float, lon: float, height: float, axes: str) -> LocalFrame: ...

@@ -220,16 +220,17 @@ class FilterRun:
         if begin > 0:
             predicted_means = np.concatenate([self.means[begin : begin + 1], predicted_means[1:]])
             predicted_covs = np.concatenate([self.covs[begin : begin + 1], predicted_covs[1:]])
-        arrays = [
+        # More than the run has is all of it; the bound keeps the number within the core's integers.
+        steps = None if steps is None else min(steps, max(len(self), 1))
+        out = _trackrs.smooth(
+            array(self.means[begin:], "means", 2),
             array(self.covs[begin:], "covs", 3),
             array(predicted_means, "predicted_means", 2),
             array(predicted_covs, "predicted_covs", 3),
             array(self.transitions[begin:], "transitions", 3),
             array(self.motion_noises[begin:], "motion_noises", 3),
-        ]
-        # More than the run has is all of it; the bound keeps the number within the core's integers.
-        steps = None if steps is None else min(steps, max(len(self), 1))
-        out = _trackrs.smooth(array(self.means[begin:], "means", 2), *arrays, steps)
+            steps,
+        )
         out = {name: np.concatenate([np.full((begin, *part.shape[1:]), np.nan), part]) for name, part in out.items()}
         return SmoothedRun(times=self.times, labels=self.labels, lag=lag, **freeze_columns(out))
 
