@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import trackrs as tr
+from trackrs.config import ConfigError, load_config
 
 DATA = Path(__file__).parent / "data"
 BATS = np.array([[0.0, 0.0, 250.0], [1000.0, 0.0, 252.0], [500.0, 866.0, 248.0]])
@@ -234,6 +235,39 @@ def test_mistakes_are_named():
         line.fix([300.0, 280.0, 320.0])
     with pytest.raises(tr.DimensionError, match="position"):
         tr.ExtendedKalmanFilter(tr.ConstantVelocity(2, accel_std=1.0), array)
+
+
+def test_configuration_file(tmp_path):
+    file = tmp_path / "sonar.toml"
+    text = """
+[motion]
+type = "constant_velocity"
+dims = 3
+accel_psd = 0.3
+
+[sensors.array]
+type = "range_array"
+hydrophones = [[0, 0, 250], [1000, 0, 252], [500, 866, 248]]
+range_std = 1.5
+depth_std = 0.5
+sound_speed = [[0, 1520], [100, 1490]]
+side = "above"
+columns = ["a", "b", "c", "depth"]
+
+[tracker]
+max_gap = 30.0
+initiator = {m = 2, n = 3, max_speed = 12}
+
+[input]
+time = "t"
+"""
+    file.write_text(text)
+    sensor = load_config(file).sensors["array"]
+    assert sensor.labels == ("time0", "time1", "time2", "depth")
+    assert sensor.side == "above"
+    file.write_text(text.replace('"above"', '"left"'))
+    with pytest.raises(ConfigError, match=r'side = "left" is unknown \(there are: above, below\)'):
+        load_config(file)
 
 
 def test_runs_that_cannot_start_say_why():

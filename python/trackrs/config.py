@@ -210,6 +210,10 @@ _KINDS = {
     "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
     "Sequence[float]": _Kind(_NUMBERS, "a list of numbers"),
     "float | Sequence[float]": _Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
+    "float | ArrayLike": _Kind(
+        lambda v: _is_number(v) or _NUMBERS(v) or _are(_NUMBERS)(v),
+        "a number, a list of numbers, or of rows of numbers",
+    ),
     "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
 }
 _RECORDS: dict[str, type] = {"MofN": MofN, "Deletion": Deletion, "ClutterMap": ClutterMap}

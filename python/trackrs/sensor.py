@@ -143,11 +143,11 @@ class RangeArray(Sensor):
         1
     """
 
-    hydrophones: FloatArray
+    hydrophones: ArrayLike
     range_std: float | Sequence[float]
     depth_std: float | None = None
     sound_speed: float | ArrayLike | None = None
-    side: Side | None = None
+    side: Literal["above", "below"] | None = None
 
     def __init__(
         self,

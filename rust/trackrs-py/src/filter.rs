@@ -152,13 +152,12 @@ impl Filter {
         compute(py, || {
             self.filter.check(times.as_slice(), &values, initial.as_ref(), inputs)
         })?;
-        let (mut initial, mut run, begin) = match initial {
-            Some(given) => (given, FilterRun::default(), 0),
-            None => {
-                let start = self.find_start(py, times.as_slice(), &values)?;
-                let run = self.filter.begun(&start, history);
-                (start.initial, run, start.row + 1)
-            }
+        let (mut initial, mut run, begin) = if let Some(given) = initial {
+            (given, FilterRun::default(), 0)
+        } else {
+            let start = self.find_start(py, times.as_slice(), &values)?;
+            let run = self.filter.begun(&start, history);
+            (start.initial, run, start.row + 1)
         };
         for from in (begin..times.len()).step_by(CHUNK) {
             let part = from..(from + CHUNK).min(times.len());
