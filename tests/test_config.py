@@ -180,7 +180,11 @@ def test_ospa(load):
             '"positon"',
             '[sensors.radar] type = "positon" is unknown; did you mean "position"? (there are: ',
         ),
-        ('type = "position"', "", '[sensors.radar]: "type" is missing (there are: position, range_bearing, linear)'),
+        (
+            'type = "position"',
+            "",
+            '[sensors.radar]: "type" is missing (there are: position, range_bearing, range_array, linear)',
+        ),
         ('"constant_velocity"', '"constant"', '[motion] type = "constant" is unknown'),
         ("accel_psd = [0.3, 0.2]", "", "[motion] give exactly one of accel_psd"),
         ("accel_psd = [0.3, 0.2]", "accel_psd = -1", "[motion] accel_psd = -1 is invalid"),

@@ -25,7 +25,7 @@ from trackrs.errors import DimensionError, TrackrsError
 from trackrs.gating import Gate
 from trackrs.metric import GOSPA, OSPA, gospa
 from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
-from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
+from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
 from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
 
 if TYPE_CHECKING:
@@ -157,7 +157,8 @@ MOTIONS: dict[str, Callable[..., Motion]] = {
     snake_case(model.__name__): model for model in (ConstantVelocity, ConstantAcceleration, RandomWalk, LinearMotion)
 }
 SENSORS: dict[str, Callable[..., Sensor]] = {
-    snake_case(model.__name__).removesuffix("_sensor"): model for model in (PositionSensor, RangeBearing, LinearSensor)
+    snake_case(model.__name__).removesuffix("_sensor"): model
+    for model in (PositionSensor, RangeBearing, RangeArray, LinearSensor)
 }
 ASSOCIATORS = {snake_case(model.__name__): model for model in (GlobalNearestNeighbour, NearestNeighbour)}
 TABLES = ("motion", "sensors", "tracker", "input", "truth", "score", "plot")
@@ -209,6 +210,10 @@ _KINDS = {
     "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
     "Sequence[float]": _Kind(_NUMBERS, "a list of numbers"),
     "float | Sequence[float]": _Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
+    "float | ArrayLike": _Kind(
+        lambda v: _is_number(v) or _NUMBERS(v) or _are(_NUMBERS)(v),
+        "a number, a list of numbers, or of rows of numbers",
+    ),
     "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
 }
 _RECORDS: dict[str, type] = {"MofN": MofN, "Deletion": Deletion, "ClutterMap": ClutterMap}

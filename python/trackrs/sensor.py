@@ -138,16 +138,16 @@ class RangeArray(Sensor):
         >>> import trackrs as tr
         >>> array = tr.RangeArray([[0, 0, 250], [1000, 0, 252], [500, 866, 248]], range_std=1.5, depth_std=0.5)
         >>> array.observe([0.0, 0.0, 50.0])
-        array([ 200.        , 1020.1980196 , 1019.42434738,   50.        ])
-        >>> array.fix([200.0, 1020.1980196, 1019.42434738, 50.0]).dof
+        array([ 200.        , 1020.19801999, 1019.39197564,   50.        ])
+        >>> array.fix([200.0, 1020.2, 1019.4, 50.0]).dof
         1
     """
 
-    hydrophones: FloatArray
+    hydrophones: ArrayLike
     range_std: float | Sequence[float]
     depth_std: float | None = None
     sound_speed: float | ArrayLike | None = None
-    side: Side | None = None
+    side: Literal["above", "below"] | None = None
 
     def __init__(
         self,

@@ -282,8 +282,8 @@ fn both_sides(array: &RangeArray, z: &DVector<f64>) -> [Fix; 2] {
 fn mirror_images_are_reported_and_chosen() {
     // Three hydrophones in the plane z = 250, and six of them: no data can tell the sides apart.
     let mut flat: Vec<[f64; 3]> = BATS.to_vec();
-    for phone in &mut flat {
-        phone[2] = 250.0;
+    for p in &mut flat {
+        p[2] = 250.0;
     }
     let target = DVector::from_vec(vec![100.0, 200.0, 60.0]);
     for extra in [&[][..], &[[900.0, 900.0, 250.0], [-400.0, 100.0, 250.0]][..]] {
@@ -421,8 +421,8 @@ fn a_run_starts_itself_and_goes_on_as_if_the_start_had_been_given() {
             assert_eq!(given.log_likelihood, run.log_likelihood);
             let last = filter.run(&times, &values, None, None, History::Last).unwrap();
             assert_eq!((&last.filtered[..], last.start), (&run.filtered[39..], run.start));
-            for (state, position) in run.filtered.iter().zip(&truth).skip(run.start) {
-                let error = state.mean.rows(0, 3) - position;
+            for (estimate, position) in run.filtered.iter().zip(&truth).skip(run.start) {
+                let error = estimate.mean.rows(0, 3) - position;
                 assert!(error.norm() < 12.0, "{error}");
             }
             let short = filter
