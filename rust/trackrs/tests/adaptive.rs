@@ -135,7 +135,7 @@ fn screening_rejects_as_the_reference_does() {
         ("snoop_ptest25", ScreenMode::Snoop, 25.0),
     ];
     for (name, mode, allowance) in modes {
-        let screen = ChiSquareScreen::new(number(&reject["alpha"]), mode, allowance).unwrap();
+        let screen = ChiSquareScreen::new(number(&reject["alpha"]), mode, Some(allowance)).unwrap();
         let case = case(Some(&reject["L"]));
         let mut state = case.start.clone();
         let steps = reject["modes"][name].as_array().unwrap();
@@ -146,7 +146,7 @@ fn screening_rejects_as_the_reference_does() {
             let innovation = residual(&case.sensor, &case.measurements[k], &linearised.expected);
             let jacobian = case.sensor.jacobian(&predicted.mean, None).unwrap();
             let screened = screen
-                .screen(&innovation, linearised.prediction.cov(), &jacobian, 3)
+                .screen(&innovation, linearised.prediction.cov(), &jacobian, 3, allowance)
                 .unwrap();
             let used: Vec<bool> = screened.verdicts.iter().map(|&v| v == Verdict::Used).collect();
             let expected: Vec<bool> = step["use"]

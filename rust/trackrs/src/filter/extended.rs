@@ -5,7 +5,7 @@
 //!
 //! Reference: Bar-Shalom, Li, Kirubarajan (2001), §10.3.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use super::kalman::{MeasurementPrediction, Update};
 use crate::error::{Result, require_size};
@@ -23,10 +23,20 @@ pub struct Linearised {
 
 /// Linearises `sensor` at the mean of `prior`.
 pub fn linearise(prior: &Gaussian, sensor: &dyn Sensor, platform: Option<&DVector<f64>>) -> Result<Linearised> {
+    linearise_with_noise(prior, sensor, platform, sensor.noise())
+}
+
+/// The same with this R instead of the sensor's own.
+pub fn linearise_with_noise(
+    prior: &Gaussian,
+    sensor: &dyn Sensor,
+    platform: Option<&DVector<f64>>,
+    noise: DMatrix<f64>,
+) -> Result<Linearised> {
     let jacobian = sensor.jacobian(&prior.mean, platform)?;
     Ok(Linearised {
         expected: sensor.observe(&prior.mean, platform)?,
-        prediction: MeasurementPrediction::new(prior, jacobian, sensor.noise())?,
+        prediction: MeasurementPrediction::new(prior, jacobian, noise)?,
     })
 }
 

@@ -43,8 +43,18 @@ pub struct Prediction {
 impl Prediction {
     /// The prediction `dt` seconds ahead; `input` (length n) is added to the predicted state.
     pub fn new(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Self {
+        Self::with_noise(prior, motion, dt, input, motion.noise(dt))
+    }
+
+    /// The same with this Q instead of the model's own.
+    pub fn with_noise(
+        prior: &Gaussian,
+        motion: &dyn Motion,
+        dt: f64,
+        input: Option<&DVector<f64>>,
+        noise: DMatrix<f64>,
+    ) -> Self {
         let transition = motion.jacobian(&prior.mean, dt);
-        let noise = motion.noise(dt);
         let mut mean = motion.propagate(&prior.mean, dt);
         if let Some(input) = input {
             mean += input;
@@ -122,6 +132,11 @@ impl MeasurementPrediction {
             cov,
             factor,
         })
+    }
+
+    /// H, m×n.
+    pub fn jacobian(&self) -> &DMatrix<f64> {
+        &self.jacobian
     }
 
     /// S, m×m.

@@ -186,6 +186,7 @@ impl NoiseMemory {
         let mut r = DMatrix::zeros(m, m);
         let mut uses = DMatrix::<f64>::zeros(m, m);
         let smoothed = self.smooth()?;
+        let mut steps = 0.0;
         for (index, epoch) in self.epochs.iter().enumerate() {
             let (before, after) = (&smoothed.states[index], &smoothed.states[index + 1]);
             let filtered_before = if index == 0 {
@@ -201,10 +202,18 @@ impl NoiseMemory {
                 let cross = &smoothed.lag_one[index] * f.transpose();
                 sum += &after.cov + f * &before.cov * f.transpose() - &cross - cross.transpose();
             }
-            q += through_gain(&sum, &epoch.gain)?;
+            // Between two measurements at one time no noise enters: they say nothing about Q.
+            if epoch.gain.iter().any(|&g| g != 0.0) {
+                q += through_gain(&sum, &epoch.gain)?;
+                steps += 1.0;
+            }
             add_measurement(&mut r, &mut uses, epoch, after, sensor, self.rule.method)?;
         }
-        q /= self.epochs.len() as f64;
+        if steps == 0.0 {
+            q.copy_from(&self.q);
+        } else {
+            q /= steps;
+        }
         symmetrise(&mut q);
         r.zip_apply(&uses, |sum, count| *sum /= count);
         Ok(NoiseEstimate { q, r })

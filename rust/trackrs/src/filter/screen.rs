@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, require_non_negative, require_size};
 use crate::linalg::cholesky::Cholesky;
+use crate::model::Sensor;
 use crate::stats::chi_square;
 
 /// Which components a failed test rejects.
@@ -43,7 +44,7 @@ pub enum ScreenMode {
 pub struct ChiSquareScreen {
     alpha: f64,
     mode: ScreenMode,
-    allowance: f64,
+    allowance: Option<f64>,
 }
 
 /// What became of one component of a measurement.
@@ -80,37 +81,44 @@ impl Screened {
 }
 
 impl ChiSquareScreen {
-    /// A screen that rejects what is right with probability `alpha` in (0, 1); `allowance` in m².
-    pub fn new(alpha: f64, mode: ScreenMode, allowance: f64) -> Result<Self> {
+    /// A screen that rejects what is right with probability `alpha` in (0, 1); `allowance` in m², or `None` for what
+    /// [`Self::allowance_for`] recommends.
+    pub fn new(alpha: f64, mode: ScreenMode, allowance: Option<f64>) -> Result<Self> {
         if !(alpha > 0.0 && alpha < 1.0) {
             return Err(Error::invalid("alpha", alpha, "must lie strictly between 0 and 1"));
         }
-        require_non_negative("allowance", allowance)?;
+        allowance.map_or(Ok(()), |value| require_non_negative("allowance", value))?;
         Ok(Self { alpha, mode, allowance })
     }
 
-    /// The allowance that U27 recommends for `redundant` measurements more than coordinates, m².
-    pub fn recommended_allowance(redundant: usize) -> f64 {
-        match redundant {
+    /// The allowance in force for this sensor, m²: the one given, or for sensors that fix positions the one that U27
+    /// recommends for their redundancy, or none.
+    pub fn allowance_for(&self, sensor: &dyn Sensor) -> f64 {
+        let recommended = |redundancy: usize| match redundancy {
             0 | 1 => 25.0,
             2 => 4.0,
             _ => 0.0,
-        }
+        };
+        let fixer = sensor.position_fix();
+        self.allowance
+            .unwrap_or_else(|| fixer.map_or(0.0, |fixer| recommended(fixer.redundancy())))
     }
 
-    /// Screens one innovation. `jacobian` is m×n with the position in its first `position_dims` columns.
+    /// Screens one innovation. `jacobian` is m×n with the position in its first `position_dims` columns; `allowance` is
+    /// what [`Self::allowance_for`] gives.
     pub fn screen(
         &self,
         innovation: &DVector<f64>,
         cov: &DMatrix<f64>,
         jacobian: &DMatrix<f64>,
         position_dims: usize,
+        allowance: f64,
     ) -> Result<Screened> {
         let m = innovation.len();
         require_size("innovation covariance", m, cov.nrows())?;
         require_size("sensor Jacobian rows", m, jacobian.nrows())?;
         let by_position = jacobian.columns(0, position_dims.min(jacobian.ncols()));
-        let test_cov = cov + by_position * by_position.transpose() * self.allowance;
+        let test_cov = cov + by_position * by_position.transpose() * allowance;
         let observed: Vec<usize> = (0..m).filter(|&i| !innovation[i].is_nan()).collect();
         let whole = Tested::new(innovation, &test_cov, &observed)?;
         let used = match self.mode {
@@ -202,9 +210,9 @@ mod tests {
     fn run(mode: ScreenMode, innovation: &[f64]) -> Vec<Verdict> {
         let m = innovation.len();
         let (cov, jacobian) = (DMatrix::identity(m, m), DMatrix::identity(m, m));
-        let screen = ChiSquareScreen::new(0.01, mode, 0.0).unwrap();
+        let screen = ChiSquareScreen::new(0.01, mode, None).unwrap();
         screen
-            .screen(&DVector::from_row_slice(innovation), &cov, &jacobian, 3)
+            .screen(&DVector::from_row_slice(innovation), &cov, &jacobian, 3, 0.0)
             .unwrap()
             .verdicts
     }
@@ -227,19 +235,19 @@ mod tests {
         // Four sensors around the target; a jump of the target moves all, an error one.
         let jacobian = DMatrix::from_row_slice(4, 2, &[1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, -1.0]);
         let cov = DMatrix::identity(4, 4);
-        let screen = ChiSquareScreen::new(0.01, ScreenMode::Snoop, 25.0).unwrap();
+        let screen = ChiSquareScreen::new(0.01, ScreenMode::Snoop, None).unwrap();
         let jump = &jacobian * DVector::from_row_slice(&[8.0, -5.0]);
-        let verdicts = screen.screen(&jump, &cov, &jacobian, 2).unwrap().verdicts;
+        let verdicts = screen.screen(&jump, &cov, &jacobian, 2, 25.0).unwrap().verdicts;
         assert_eq!(verdicts, [Verdict::Used; 4]);
         let error = DVector::from_row_slice(&[8.0, 0.0, 0.0, 0.0]);
-        let verdicts = screen.screen(&error, &cov, &jacobian, 2).unwrap().verdicts;
+        let verdicts = screen.screen(&error, &cov, &jacobian, 2, 25.0).unwrap().verdicts;
         assert_eq!(verdicts.iter().filter(|&&v| v == Verdict::Rejected).count(), 1);
     }
 
     #[test]
     fn alpha_outside_its_domain_is_named() {
         for alpha in [0.0, 1.0, -0.1, f64::NAN] {
-            let error = ChiSquareScreen::new(alpha, ScreenMode::Vector, 0.0).unwrap_err();
+            let error = ChiSquareScreen::new(alpha, ScreenMode::Vector, None).unwrap_err();
             assert!(error.to_string().starts_with("alpha = "));
         }
     }

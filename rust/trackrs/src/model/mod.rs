@@ -3,5 +3,5 @@
 pub mod motion;
 pub mod sensor;
 
-pub use motion::{Motion, MotionModel};
+pub use motion::{Motion, MotionModel, NoiseInput};
 pub use sensor::{Sensor, SensorModel};

@@ -20,7 +20,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::Motion;
+use super::{Motion, NoiseInput};
 use crate::error::{Error, Result, require_non_negative};
 
 /// What drives a kinematic model; one value per axis.
@@ -77,6 +77,9 @@ macro_rules! kinematic {
             }
             fn is_linear(&self) -> bool {
                 true
+            }
+            fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
+                noise_input($order, &self.noise, dt)
             }
         }
     };
@@ -166,6 +169,25 @@ fn noise(order: usize, noise: &KinematicNoise, dt: f64) -> DMatrix<f64> {
         }
     }
     q
+}
+
+/// Γ and diag(σ²) of noise that is constant over a step.
+fn noise_input(order: usize, noise: &KinematicNoise, dt: f64) -> Option<NoiseInput> {
+    let KinematicNoise::Std(std) = noise else {
+        return None;
+    };
+    let dims = std.len();
+    let gamma = |i: usize, axis: usize| {
+        if i % dims == axis {
+            power_over_factorial(dt, order - i / dims)
+        } else {
+            0.0
+        }
+    };
+    Some(NoiseInput {
+        gain: DMatrix::from_fn(order * dims, dims, gamma),
+        cov: DMatrix::from_diagonal(&DVector::from_iterator(dims, std.iter().map(|s| s * s))),
+    })
 }
 
 /// dtᵏ / k! for k ≤ 3.

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::Motion;
+use super::{Motion, NoiseInput};
 use crate::error::{Result, require_finite, require_size};
 use crate::linalg::symmetric::require_covariance;
 
@@ -57,5 +57,16 @@ impl Motion for LinearMotion {
     }
     fn is_linear(&self) -> bool {
         true
+    }
+    fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
+        let n = self.state_dim();
+        Some(NoiseInput {
+            gain: if dt == 0.0 {
+                DMatrix::zeros(n, n)
+            } else {
+                DMatrix::identity(n, n)
+            },
+            cov: self.noise.clone(),
+        })
     }
 }

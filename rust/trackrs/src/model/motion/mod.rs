@@ -28,6 +28,20 @@ pub trait Motion: Debug + Send + Sync {
     fn noise(&self, dt: f64) -> DMatrix<f64>;
     /// Whether f is linear, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
+    /// How noise of a fixed covariance enters the state over `dt`, for models that have it so; what an estimator of the
+    /// noise can estimate.
+    fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
+        None
+    }
+}
+
+/// Noise that is constant over a step: Q(dt) = Γ(dt) C Γ(dt)ᵀ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoiseInput {
+    /// Γ, n×d.
+    pub gain: DMatrix<f64>,
+    /// C, d×d.
+    pub cov: DMatrix<f64>,
 }
 
 /// A motion model held by value: one of the library's own, which can be saved, or the user's.
@@ -81,5 +95,8 @@ impl Motion for MotionModel {
     }
     fn is_linear(&self) -> bool {
         self.as_motion().is_linear()
+    }
+    fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
+        self.as_motion().noise_input(dt)
     }
 }
