@@ -1,16 +1,17 @@
 //! RangeArray against an independent reference, finite differences, simulation, and geometries that must be refused.
 
+mod arrays;
+
 use approx::assert_relative_eq;
+use arrays::{BATS, bats, noisy, settings, toss, toss_rows};
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::Value;
 use trackrs::filter::sequence::{Filter, History};
 use trackrs::filter::start::{TimedFix, start_state};
-use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
-use trackrs::model::sensor::{
-    Fix, PositionFix, RangeArray, RangeArraySettings, Side, SoundSpeed, SpeedProfile, closed_form,
-};
+use trackrs::model::motion::{ConstantAcceleration, KinematicNoise};
+use trackrs::model::sensor::{Fix, PositionFix, RangeArray, Side, SoundSpeed, SpeedProfile, closed_form};
 use trackrs::model::{MotionModel, Sensor, SensorModel};
 use trackrs::stats::chi_square;
 use trackrs::{Error, Gaussian};
@@ -45,53 +46,6 @@ fn close(what: &str, got: &DVector<f64>, expected: &DVector<f64>) {
             "{what}[{i}]: {off:e}"
         );
     }
-}
-
-fn settings(rows: &[[f64; 3]], depth_std: Option<f64>) -> RangeArraySettings {
-    RangeArraySettings {
-        hydrophones: DMatrix::from_fn(rows.len(), 3, |i, j| rows[i][j]),
-        range_std: vec![1.0],
-        depth_std,
-        sound_speed: None,
-        side: None,
-    }
-}
-
-const BATS: [[f64; 3]; 3] = [[0.0, 0.0, 250.0], [1000.0, 0.0, 252.0], [500.0, 866.0, 248.0]];
-
-fn bats() -> RangeArray {
-    RangeArray::new(settings(&BATS, Some(0.3))).unwrap()
-}
-
-fn toss_rows() -> [[f64; 3]; 6] {
-    let heights = [0.0, 12.0, -8.0, 15.0, -12.0, 5.0];
-    std::array::from_fn(|i| {
-        let angle = (15.0 + 60.0 * i as f64).to_radians();
-        [
-            700.0 + 1200.0 * angle.cos(),
-            500.0 + 1200.0 * angle.sin(),
-            300.0 + heights[i],
-        ]
-    })
-}
-
-fn toss() -> RangeArray {
-    let rows = toss_rows();
-    RangeArray::toss(DMatrix::from_fn(6, 3, |i, j| rows[i][j]), 1.0, None, Side::Above).unwrap()
-}
-
-fn normal(rng: &mut Pcg64) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-}
-
-fn noisy(array: &RangeArray, state: &DVector<f64>, rng: &mut Pcg64) -> DVector<f64> {
-    let noise = array.noise();
-    let mut z = array.observe(state, None).unwrap();
-    for i in 0..z.len() {
-        z[i] += noise[(i, i)].sqrt() * normal(rng);
-    }
-    z
 }
 
 #[test]
@@ -372,83 +326,4 @@ fn a_gross_error_shows_in_the_redundancy() {
     let mut z = toss().observe(&target, None).unwrap();
     z[3] += 40.0;
     assert!(toss().fix(&z).unwrap().p_value < 1e-6);
-}
-
-/// Steady course seen by the array, as a list of measurements one second apart.
-fn course(array: &RangeArray, steps: usize, seed: u64) -> (Vec<f64>, Vec<DVector<f64>>, Vec<DVector<f64>>) {
-    let mut rng = Pcg64::seed_from_u64(seed);
-    let times: Vec<f64> = (0..steps).map(|k| k as f64).collect();
-    let truth: Vec<DVector<f64>> = times
-        .iter()
-        .map(|t| DVector::from_vec(vec![-300.0 + 14.0 * t, -250.0 + 5.0 * t, 50.0]))
-        .collect();
-    let values = truth.iter().map(|x| noisy(array, x, &mut rng)).collect();
-    (times, values, truth)
-}
-
-fn models() -> [MotionModel; 3] {
-    [
-        MotionModel::RandomWalk(RandomWalk::new(KinematicNoise::Psd(vec![200.0; 3])).unwrap()),
-        MotionModel::ConstantVelocity(ConstantVelocity::new(KinematicNoise::Psd(vec![0.1; 3])).unwrap()),
-        MotionModel::ConstantAcceleration(ConstantAcceleration::new(KinematicNoise::Std(vec![0.05; 3])).unwrap()),
-    ]
-}
-
-#[test]
-fn a_run_starts_itself_and_goes_on_as_if_the_start_had_been_given() {
-    for array in [bats(), toss()] {
-        let (times, mut values, truth) = course(&array, 40, 3);
-        // A gross error and a lost channel delay the start; they must not be in it.
-        values[1][0] += 300.0;
-        values[4][1] = f64::NAN;
-        for motion in models() {
-            let filter = Filter::extended(motion, SensorModel::RangeArray(array.clone())).unwrap();
-            let run = filter.run(&times, &values, None, None, History::Full).unwrap();
-            // TOSS still has redundancy without one channel, BATS has none.
-            assert!(run.start >= if array == bats() { 7 } else { 4 }, "{}", run.start);
-            assert_eq!((run.filtered.len(), run.predicted.len(), run.nis.len()), (40, 40, 40));
-            assert!(run.filtered[run.start - 1].mean.iter().all(|v| v.is_nan()));
-            assert!(run.nis[run.start].is_nan() && run.nis[run.start + 1].is_finite());
-            let begun = trackrs::filter::sequence::InitialState {
-                time: times[run.start],
-                state: run.filtered[run.start].clone(),
-            };
-            let from = run.start + 1;
-            let given = filter
-                .run(&times[from..], &values[from..], Some(&begun), None, History::Full)
-                .unwrap();
-            assert_eq!(given.filtered, run.filtered[from..]);
-            assert_eq!(given.log_likelihood, run.log_likelihood);
-            let last = filter.run(&times, &values, None, None, History::Last).unwrap();
-            assert_eq!((&last.filtered[..], last.start), (&run.filtered[39..], run.start));
-            for (estimate, position) in run.filtered.iter().zip(&truth).skip(run.start) {
-                let error = estimate.mean.rows(0, 3) - position;
-                assert!(error.norm() < 12.0, "{error}");
-            }
-            let short = filter
-                .run(&times[..from], &values[..from], None, None, History::Last)
-                .unwrap();
-            assert_eq!(short.filtered, [begun.state]);
-        }
-    }
-}
-
-#[test]
-fn a_run_that_cannot_start_says_why() {
-    let [walk, ..] = models();
-    let filter = Filter::extended(walk.clone(), SensorModel::RangeArray(bats())).unwrap();
-    let (times, values, _) = course(&bats(), 2, 3);
-    let error = filter.run(&times, &values, None, None, History::Full).unwrap_err();
-    assert!(error.to_string().contains("no 3 consecutive"), "{error}");
-    let mut flat = settings(&BATS, None);
-    flat.hydrophones.set_column(2, &DVector::from_element(3, 250.0));
-    let array = RangeArray::new(flat).unwrap();
-    let (times, values, _) = course(&array, 10, 3);
-    let filter = Filter::extended(walk.clone(), SensorModel::RangeArray(array)).unwrap();
-    let error = filter.run(&times, &values, None, None, History::Full).unwrap_err();
-    assert!(error.to_string().contains("ambiguous"), "{error}");
-    let plain = trackrs::model::sensor::PositionSensor::new(vec![1.0; 3]).unwrap();
-    let filter = Filter::extended(walk, SensorModel::Position(plain)).unwrap();
-    let error = filter.run(&times, &values, None, None, History::Full).unwrap_err();
-    assert!(error.to_string().contains("initial = missing"), "{error}");
 }
