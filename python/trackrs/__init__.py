@@ -9,6 +9,7 @@ from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
     from trackrs import geodesy
+    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
         BusyError,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
         Track,
         Tracks,
         Update,
+        Verdict,
     )
 
 __all__ = [
@@ -63,6 +65,7 @@ __all__ = [
     "OSPA",
     "Assignment",
     "BusyError",
+    "ChiSquareScreen",
     "ClutterMap",
     "ConstantAcceleration",
     "ConstantVelocity",
@@ -80,6 +83,7 @@ __all__ = [
     "InternalError",
     "KalmanFilter",
     "Ledger",
+    "LimitedMemoryNoise",
     "LinearMotion",
     "LinearSensor",
     "MofN",
@@ -107,6 +111,7 @@ __all__ = [
     "UnknownSensorError",
     "UnobservableError",
     "Update",
+    "Verdict",
     "__version__",
     "assign",
     "evaluate",
@@ -121,7 +126,7 @@ __all__ = [
 _MODULES = ("geodesy",)
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
-_HOMES = ("association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
+_HOMES = ("adaptive", "association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
 
 
 def __getattr__(name: str) -> object:

@@ -13,6 +13,7 @@ from trackrs.types import FilterRun, GaussianState, Update, freeze_columns
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
 
@@ -25,7 +26,17 @@ class _SequenceFilter:
 
     motion: Motion
     sensor: Sensor
+    adapt: LimitedMemoryNoise | None = None
+    screen: ChiSquareScreen | None = None
     _core: _trackrs.Filter = field(init=False, repr=False, compare=False)
+
+    def _keep(self, core: _trackrs.Filter) -> None:
+        if self.screen is not None:
+            core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.allowance)
+        if self.adapt is not None:
+            rule = self.adapt
+            core = core.with_adaptation(rule.window, rule.method, rule.first_epoch, rule.q_limits, rule.r_limits)
+        object.__setattr__(self, "_core", core)
 
     def predict(self, state: GaussianState, time: float, input: ArrayLike | None = None) -> GaussianState:  # noqa: A002
         """Return the estimate at `time`; `input` (n,) is added to the predicted state.
@@ -89,6 +100,7 @@ class _SequenceFilter:
         u = None if inputs is None else array(inputs, "inputs", 2)
         given = None if initial is None else (initial.time, initial.mean, initial.cov)
         out = self._core.run(t, z, given, history, u)
+        out["restarts"] = tuple(out["restarts"])
         kept = t[-1:] if history == "last" else t
         return FilterRun(times=frozen(kept.copy()), labels=self.motion.labels, **freeze_columns(out))
 
@@ -104,6 +116,8 @@ class KalmanFilter(_SequenceFilter):
     Args:
         motion: for example `ConstantVelocity` or `LinearMotion`.
         sensor: for example `PositionSensor` or `LinearSensor`.
+        adapt: estimate the noise while `run` goes on.
+        screen: reject gross errors in `run`.
 
     Raises:
         ParameterError: a model is not linear.
@@ -123,7 +137,7 @@ class KalmanFilter(_SequenceFilter):
 
     def __post_init__(self) -> None:
         """Build the filter."""
-        object.__setattr__(self, "_core", _trackrs.Filter.kalman(self.motion._core, self.sensor._core))
+        self._keep(_trackrs.Filter.kalman(self.motion._core, self.sensor._core))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +147,8 @@ class ExtendedKalmanFilter(_SequenceFilter):
     Args:
         motion: for example `ConstantVelocity`.
         sensor: for example `RangeBearing`.
+        adapt: estimate the noise while `run` goes on.
+        screen: reject gross errors in `run`.
 
     Raises:
         DimensionError: the sensor does not fit the motion.
@@ -143,4 +159,4 @@ class ExtendedKalmanFilter(_SequenceFilter):
 
     def __post_init__(self) -> None:
         """Build the filter."""
-        object.__setattr__(self, "_core", _trackrs.Filter.extended(self.motion._core, self.sensor._core))
+        self._keep(_trackrs.Filter.extended(self.motion._core, self.sensor._core))

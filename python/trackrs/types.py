@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from numpy.typing import ArrayLike, NDArray
+
+
+class Verdict(IntEnum):
+    """What became of one component of a measurement."""
+
+    MISSING = 0
+    USED = 1
+    REJECTED = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,6 +154,11 @@ class FilterRun:
         innovations, innovation_covs: (T, m) and (T, m, m); NaN where not observed.
         nis: (T,), NaN where nothing was observed.
         dof: (T,) observed components.
+        verdicts: (T, m) of `Verdict` numbers; empty without a screen.
+        statistics, p_values: (T,) the chi-square test of each measurement before anything was rejected, with as many
+            degrees of freedom as it has observed components; empty without a screen.
+        q_hat, r_hat: (T, d, d) and (T, m, m) noise in force after each measurement; empty without `adapt`.
+        restarts: rows at which the filter started anew after a lock-out.
         log_likelihood: sum over all measurements.
         labels: names of the state's components.
         start: first row of the run with an estimate, counted in the times given to `run`: 0 where an initial state was
@@ -162,6 +176,12 @@ class FilterRun:
     innovation_covs: FloatArray
     nis: FloatArray
     dof: IntArray
+    verdicts: NDArray[np.int8]
+    statistics: FloatArray
+    p_values: FloatArray
+    q_hat: FloatArray
+    r_hat: FloatArray
+    restarts: tuple[int, ...]
     log_likelihood: float
     labels: tuple[str, ...]
     start: int = 0

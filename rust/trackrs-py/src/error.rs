@@ -54,3 +54,8 @@ pub(crate) fn compute<T: Send>(py: Python<'_>, work: impl FnOnce() -> trackrs::R
         }
     }
 }
+
+/// A count that the user may have given as any whole number.
+pub(crate) fn count(name: &str, value: i64) -> trackrs::Result<usize> {
+    usize::try_from(value).map_err(|_| Error::invalid(name, value, "must be a count"))
+}

@@ -1,19 +1,25 @@
 //! Filters over one sequence.
 
-use nalgebra::DVector;
-use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
+use std::time::{Duration, Instant};
+
+use nalgebra::{DMatrix, DVector};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use trackrs::Gaussian;
-use trackrs::filter::sequence::{self, FilterRun, History, InitialState};
+use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod};
+use trackrs::filter::runner::Runner;
+use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
+use trackrs::filter::sequence::{self, FilterRun, History, InitialState, Sequence};
 use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
-use crate::error::{compute, to_python};
+use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
 
-/// Rows between two looks for Ctrl-C.
-const CHUNK: usize = 4096;
+/// Work between two looks for Ctrl-C, and rows between two looks at the clock.
+const CHUNK: Duration = Duration::from_millis(50);
+const ROWS: usize = 16;
 /// The same while a start is sought: a position fix costs tens of updates.
 const START_CHUNK: usize = 256;
 
@@ -54,6 +60,13 @@ pub(crate) struct Run<'py> {
     innovation_covs: Bound<'py, PyArray3<f64>>,
     nis: Bound<'py, PyArray1<f64>>,
     dof: Bound<'py, PyArray1<i64>>,
+    /// 0 missing, 1 used, 2 rejected.
+    verdicts: Bound<'py, PyArray2<i8>>,
+    statistics: Bound<'py, PyArray1<f64>>,
+    p_values: Bound<'py, PyArray1<f64>>,
+    q_hat: Bound<'py, PyArray3<f64>>,
+    r_hat: Bound<'py, PyArray3<f64>>,
+    restarts: Vec<usize>,
     log_likelihood: f64,
     start: usize,
 }
@@ -72,6 +85,57 @@ impl Filter {
     fn extended(py: Python<'_>, motion: &Motion, sensor: &Sensor) -> PyResult<Self> {
         let filter = compute(py, || {
             sequence::Filter::extended(motion.model.clone(), sensor.model.clone())
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with a screen for gross errors.
+    #[pyo3(signature = (alpha, mode, allowance=None))]
+    fn with_screen(&self, py: Python<'_>, alpha: f64, mode: &str, allowance: Option<f64>) -> PyResult<Self> {
+        let screen = compute(py, || {
+            let mode = match mode {
+                "vector" => ScreenMode::Vector,
+                "component" => ScreenMode::Component,
+                "snoop" => ScreenMode::Snoop,
+                other => {
+                    return Err(trackrs::Error::invalid(
+                        "mode",
+                        other,
+                        "must be vector, component or snoop",
+                    ));
+                }
+            };
+            ChiSquareScreen::new(alpha, mode, allowance)
+        })?;
+        Ok(Self {
+            filter: self.filter.clone().with_screen(screen),
+        })
+    }
+
+    /// The same filter with its noise estimated; limits as (lowest, highest) eigenvalue.
+    fn with_adaptation(
+        &self,
+        py: Python<'_>,
+        window: i64,
+        method: &str,
+        first_epoch: i64,
+        q_limits: (f64, f64),
+        r_limits: (f64, f64),
+    ) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let method = match method {
+                "em" => NoiseMethod::Em,
+                "map" => NoiseMethod::Map,
+                other => return Err(trackrs::Error::invalid("method", other, "must be em or map")),
+            };
+            let limits = |(min, max): (f64, f64)| EigenLimits { min, max };
+            self.filter.clone().with_adaptation(LimitedMemoryNoise {
+                window: count("window", window)?,
+                method,
+                first_epoch: count("first_epoch", first_epoch)?,
+                q_limits: limits(q_limits),
+                r_limits: limits(r_limits),
+            })
         })?;
         Ok(Self { filter })
     }
@@ -154,32 +218,30 @@ impl Filter {
         compute(py, || {
             self.filter.check(times.as_slice(), &values, initial.as_ref(), inputs)
         })?;
-        let (mut initial, mut run, begin) = if let Some(given) = initial {
+        let (initial, mut run, begin) = if let Some(given) = initial {
             (given, FilterRun::default(), 0)
         } else {
             let start = self.find_start(py, times.as_slice(), &values)?;
             let run = self.filter.begun(&start, history);
             (start.initial, run, start.row + 1)
         };
-        for from in (begin..times.len()).step_by(CHUNK) {
-            let part = from..(from + CHUNK).min(times.len());
-            let inputs = inputs.map(|u| &u[part.clone()]);
-            let piece = compute(py, || {
-                self.filter.run(
-                    &times.as_slice()[part.clone()],
-                    &values[part.clone()],
-                    Some(&initial),
-                    inputs,
-                    history,
-                )
+        let data = Sequence {
+            times: times.as_slice(),
+            measurements: &values,
+            inputs,
+        };
+        let mut runner = compute(py, || Runner::new(&self.filter, &initial))?;
+        let mut row = begin;
+        while row < times.len() {
+            compute(py, || {
+                let begun = Instant::now();
+                while row < times.len() && begun.elapsed() < CHUNK {
+                    let part = row..(row + ROWS).min(times.len());
+                    row = part.end;
+                    runner.advance(&data, part, history, &mut run)?;
+                }
+                Ok(())
             })?;
-            if let Some(last) = piece.filtered.last() {
-                initial = InitialState {
-                    time: times[part.end - 1],
-                    state: last.clone(),
-                };
-            }
-            run.append(piece, history);
             py.check_signals()?;
         }
         self.to_python(py, &run)
@@ -218,8 +280,27 @@ impl Filter {
             innovation_covs: array::from_symmetric(py, run.innovation_covs.iter(), m)?,
             nis: PyArray1::from_slice(py, &run.nis),
             dof: PyArray1::from_iter(py, run.dof.iter().map(|&d| i64::try_from(d).unwrap_or(i64::MAX))),
+            verdicts: PyArray1::from_iter(
+                py,
+                run.screened.iter().flat_map(|s| s.verdicts.iter().map(|&v| code(v))),
+            )
+            .reshape([run.screened.len(), m])?,
+            statistics: PyArray1::from_iter(py, run.screened.iter().map(|s| s.statistic)),
+            p_values: PyArray1::from_iter(py, run.screened.iter().map(|s| s.p_value)),
+            q_hat: array::from_symmetric(py, run.q_hat.iter(), run.q_hat.first().map_or(0, DMatrix::nrows))?,
+            r_hat: array::from_symmetric(py, run.r_hat.iter(), m)?,
+            restarts: run.restarts.clone(),
             log_likelihood: run.log_likelihood,
             start: run.start,
         })
+    }
+}
+
+/// A verdict as the facade's `Verdict` numbers it.
+fn code(verdict: Verdict) -> i8 {
+    match verdict {
+        Verdict::Missing => 0,
+        Verdict::Used => 1,
+        Verdict::Rejected => 2,
     }
 }

@@ -20,7 +20,7 @@ use trackrs::tracker::multi_target::MultiTargetTracker;
 use trackrs::{Scan, Track};
 
 use crate::array;
-use crate::error::{compute, exception, to_python};
+use crate::error::{compute, count, exception, to_python};
 use crate::model::{Motion, Sensor};
 
 /// Work between two looks for Ctrl-C.
@@ -114,9 +114,8 @@ pub(crate) struct LedgerRecord {
     rejected: BTreeMap<&'static str, u64>,
 }
 
-/// A count that the user may have given as any whole number.
-fn count(name: &str, value: i64) -> trackrs::Result<u32> {
-    u32::try_from(value).map_err(|_| trackrs::Error::invalid(name, value, "must be a count"))
+fn small(name: &str, value: i64) -> trackrs::Result<u32> {
+    u32::try_from(count(name, value)?).map_err(|_| trackrs::Error::invalid(name, value, "is too large"))
 }
 
 fn associator(name: &str) -> trackrs::Result<Associator> {
@@ -159,18 +158,18 @@ impl Tracker {
             config.associator = associator(&settings.associator)?;
             config.gate = Gate::new(settings.gate_probability)?;
             config.initiator = MofN {
-                m: count("m", settings.m)?,
-                n: count("n", settings.n)?,
+                m: small("m", settings.m)?,
+                n: small("n", settings.n)?,
                 max_speed: settings.max_speed,
                 min_displacement: settings.min_displacement,
                 min_separation: settings.min_separation,
             };
             config.deletion = Deletion {
-                max_misses: count("max_misses", settings.max_misses)?,
+                max_misses: small("max_misses", settings.max_misses)?,
                 max_time: settings.max_time,
             };
             if let Some((radius, dwell, min_reports, memory)) = settings.clutter_map {
-                let min_reports = count("min_reports", min_reports)?;
+                let min_reports = small("min_reports", min_reports)?;
                 config.clutter_map = Some(ClutterMap {
                     radius,
                     dwell,
@@ -179,7 +178,7 @@ impl Tracker {
                 });
             }
             config.max_gap = settings.max_gap;
-            config.max_tracks = count("max_tracks", settings.max_tracks)? as usize;
+            config.max_tracks = count("max_tracks", settings.max_tracks)?;
             config.strict = settings.strict;
             config.initial = initial;
             MultiTargetTracker::new(config)

@@ -4,7 +4,8 @@ use approx::assert_relative_eq;
 use nalgebra::{DMatrix, DVector};
 use rand_pcg::{Pcg64, rand_core::Rng};
 use trackrs::Gaussian;
-use trackrs::filter::sequence::{Filter, FilterRun, History, InitialState};
+use trackrs::filter::runner::Runner;
+use trackrs::filter::sequence::{Filter, FilterRun, History, InitialState, Sequence};
 use trackrs::filter::smoother::{
     Epoch, FixedLagSmoother, SmoothedRun, fixed_interval, fixed_interval_from, fixed_lag, limited_memory,
 };
@@ -322,22 +323,18 @@ fn limited_memory_is_the_end_of_the_run() {
 }
 
 #[test]
-fn appended_runs_smooth_as_one() {
+fn a_run_in_two_parts_is_the_whole_run() {
     let problem = Problem::irregular(10);
     let sensor = LinearSensor::new(problem.h.clone(), problem.r.clone(), DVector::zeros(2)).unwrap();
     let filter = Filter::kalman(problem.motion.clone(), SensorModel::Linear(sensor)).unwrap();
-    let run = |from: usize, to: usize, initial: &InitialState| {
-        let (times, values) = (&problem.times[from..to], &problem.values[from..to]);
-        filter.run(times, values, Some(initial), None, History::Full).unwrap()
+    let data = Sequence {
+        times: &problem.times,
+        measurements: &problem.values,
+        inputs: None,
     };
-    let mut pieces = run(0, 5, &problem.initial);
-    let middle = InitialState {
-        time: problem.times[4],
-        state: pieces.filtered[4].clone(),
-    };
-    pieces.append(run(5, 9, &middle), History::Full);
-    assert_eq!(
-        fixed_interval(&pieces.epochs().unwrap()),
-        fixed_interval(&problem.run().epochs().unwrap())
-    );
+    let mut runner = Runner::new(&filter, &problem.initial).unwrap();
+    let mut parts = FilterRun::default();
+    runner.advance(&data, 0..5, History::Full, &mut parts).unwrap();
+    runner.advance(&data, 5..9, History::Full, &mut parts).unwrap();
+    assert_eq!(parts, problem.run());
 }

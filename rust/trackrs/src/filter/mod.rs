@@ -3,6 +3,7 @@
 pub mod extended;
 pub mod kalman;
 pub mod noise;
+pub mod runner;
 pub mod screen;
 pub mod sequence;
 pub mod smoother;

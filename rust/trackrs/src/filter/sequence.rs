@@ -7,6 +7,9 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::noise::{LimitedMemoryNoise, NoiseMemory};
+use super::runner::{EpochResult, Runner};
+use super::screen::{ChiSquareScreen, Screened, Verdict};
 use super::start::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_size};
@@ -55,6 +58,14 @@ pub struct FilterRun {
     pub nis: Vec<f64>,
     /// Observed components of every row.
     pub dof: Vec<usize>,
+    /// Verdict on every component of every row, with its test; only with a screen.
+    pub screened: Vec<Screened>,
+    /// Q of the noise estimator in force after every row, d×d; only with one.
+    pub q_hat: Vec<DMatrix<f64>>,
+    /// R in force after every row, m×m; only with a noise estimator.
+    pub r_hat: Vec<DMatrix<f64>>,
+    /// Rows at which the filter started anew after a lock-out.
+    pub restarts: Vec<usize>,
     /// Sum of the log-likelihoods of all rows.
     pub log_likelihood: f64,
     /// First row of the run with an estimate: 0 when an initial state was given. Rows before it are NaN.
@@ -62,20 +73,33 @@ pub struct FilterRun {
 }
 
 impl FilterRun {
-    /// Adds what came after; with [`History::Last`] only that is kept.
-    pub fn append(&mut self, mut later: Self, history: History) {
+    /// Adds what one epoch gave, row `row` of the run.
+    pub(super) fn push(&mut self, row: usize, epoch: EpochResult, memory: Option<&NoiseMemory>, history: History) {
         if history == History::Last {
             self.forget();
         }
-        self.filtered.append(&mut later.filtered);
-        self.predicted.append(&mut later.predicted);
-        self.transitions.append(&mut later.transitions);
-        self.motion_noises.append(&mut later.motion_noises);
-        self.innovations.append(&mut later.innovations);
-        self.innovation_covs.append(&mut later.innovation_covs);
-        self.nis.append(&mut later.nis);
-        self.dof.append(&mut later.dof);
-        self.log_likelihood += later.log_likelihood;
+        let update = epoch.update;
+        if update.dof > 0 && !epoch.restarted {
+            self.log_likelihood += update.log_likelihood;
+        }
+        if history == History::Full {
+            self.predicted.push(epoch.prediction.state);
+            self.transitions.push(epoch.prediction.transition);
+            self.motion_noises.push(epoch.prediction.noise);
+        }
+        if epoch.restarted {
+            self.restarts.push(row);
+        }
+        self.filtered.push(update.posterior);
+        self.innovations.push(update.innovation);
+        self.innovation_covs.push(update.innovation_cov);
+        self.nis.push(if update.dof > 0 { update.nis } else { f64::NAN });
+        self.dof.push(update.dof);
+        self.screened.extend(epoch.screened);
+        if let Some(memory) = memory {
+            self.q_hat.push(memory.q().clone());
+            self.r_hat.push(memory.r().clone());
+        }
     }
 
     fn forget(&mut self) {
@@ -84,7 +108,21 @@ impl FilterRun {
         self.innovation_covs.clear();
         self.nis.clear();
         self.dof.clear();
+        self.screened.clear();
+        self.q_hat.clear();
+        self.r_hat.clear();
     }
+}
+
+/// The measurements of a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Sequence<'a> {
+    /// T times, seconds, not decreasing.
+    pub times: &'a [f64],
+    /// T measurements, length m each, NaN = not observed.
+    pub measurements: &'a [DVector<f64>],
+    /// T vectors of length n, each added to the state predicted to its time.
+    pub inputs: Option<&'a [DVector<f64>]>,
 }
 
 /// A Kalman or extended Kalman filter: one motion, one sensor.
@@ -92,13 +130,20 @@ impl FilterRun {
 pub struct Filter {
     motion: MotionModel,
     sensor: SensorModel,
+    screen: Option<ChiSquareScreen>,
+    adapt: Option<LimitedMemoryNoise>,
 }
 
 impl Filter {
     /// The extended Kalman filter of these models.
     pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
         sensor.check(&motion)?;
-        Ok(Self { motion, sensor })
+        Ok(Self {
+            motion,
+            sensor,
+            screen: None,
+            adapt: None,
+        })
     }
 
     /// The Kalman filter of these models, which must be linear.
@@ -113,6 +158,40 @@ impl Filter {
             }
         }
         Self::extended(motion, sensor)
+    }
+
+    /// The same filter with a screen for gross errors.
+    #[must_use]
+    pub fn with_screen(mut self, screen: ChiSquareScreen) -> Self {
+        self.screen = Some(screen);
+        self
+    }
+
+    /// The same filter with its noise estimated as it runs; the models' own noise is what it begins with.
+    pub fn with_adaptation(mut self, rule: LimitedMemoryNoise) -> Result<Self> {
+        rule.check()?;
+        if self.motion.noise_input(1.0).is_none() {
+            return Err(Error::invalid(
+                "adapt",
+                "given",
+                "needs a motion whose noise is constant over a step (accel_std=, jerk_std=) or a LinearMotion",
+            ));
+        }
+        self.adapt = Some(rule);
+        Ok(self)
+    }
+
+    /// The screen for gross errors, where one is set.
+    pub fn screen(&self) -> Option<&ChiSquareScreen> {
+        self.screen.as_ref()
+    }
+
+    /// An empty memory of the noise estimator, where one is set.
+    pub(super) fn new_memory(&self, start: &Gaussian) -> Result<Option<NoiseMemory>> {
+        let (Some(rule), Some(entry)) = (self.adapt, self.motion.noise_input(1.0)) else {
+            return Ok(None);
+        };
+        NoiseMemory::new(rule, start.clone(), entry.cov, self.sensor.noise()).map(Some)
     }
 
     /// The motion model.
@@ -161,34 +240,25 @@ impl Filter {
         history: History,
     ) -> Result<FilterRun> {
         self.check(times, measurements, initial, inputs)?;
-        let Some(initial) = initial else {
-            return self.run_from_fixes(times, measurements, inputs, history);
+        let data = Sequence {
+            times,
+            measurements,
+            inputs,
         };
         let mut run = FilterRun::default();
-        let mut state = initial.state.clone();
-        let mut now = initial.time;
-        for (k, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
-            let predicted = kalman::Prediction::new(&state, &self.motion, time - now, inputs.map(|u| &u[k]));
-            let update = extended::update(&predicted.state, &self.sensor, measurement, None)?;
-            state = update.posterior;
-            now = time;
-            if update.dof > 0 {
-                run.log_likelihood += update.log_likelihood;
-            }
-            if history == History::Last {
-                run.forget();
-            }
-            if history == History::Full {
-                run.predicted.push(predicted.state);
-                run.transitions.push(predicted.transition);
-                run.motion_noises.push(predicted.noise);
-            }
-            run.filtered.push(state.clone());
-            run.innovations.push(update.innovation);
-            run.innovation_covs.push(update.innovation_cov);
-            run.nis.push(if update.dof > 0 { update.nis } else { f64::NAN });
-            run.dof.push(update.dof);
-        }
+        let mut from = 0;
+        let mut runner = if let Some(initial) = initial {
+            Runner::new(self, initial)?
+        } else {
+            let mut starter = self.starter()?;
+            let Some(start) = starter.search(times, measurements)? else {
+                return Err(starter.failure());
+            };
+            run = self.begun(&start, history);
+            from = start.row + 1;
+            Runner::new(self, &start.initial)?
+        };
+        runner.advance(&data, from..times.len(), history, &mut run)?;
         Ok(run)
     }
 
@@ -215,34 +285,25 @@ impl Filter {
             ..FilterRun::default()
         };
         run.filtered.push(start.initial.state.clone());
+        if self.screen.is_some() {
+            let untested = Screened {
+                verdicts: vec![Verdict::Missing; m],
+                statistic: f64::NAN,
+                dof: 0,
+                p_value: f64::NAN,
+            };
+            run.screened = vec![untested; rows];
+        }
+        if let Ok(Some(memory)) = self.new_memory(&start.initial.state) {
+            run.q_hat = vec![memory.q().clone(); rows];
+            run.r_hat = vec![memory.r().clone(); rows];
+        }
         if history == History::Full {
             run.predicted = vec![unknown; rows];
             run.transitions = vec![DMatrix::identity(n, n); rows];
             run.motion_noises = vec![DMatrix::zeros(n, n); rows];
         }
         run
-    }
-
-    fn run_from_fixes(
-        &self,
-        times: &[f64],
-        measurements: &[DVector<f64>],
-        inputs: Option<&[DVector<f64>]>,
-        history: History,
-    ) -> Result<FilterRun> {
-        let mut starter = self.starter()?;
-        let Some(start) = starter.search(times, measurements)? else {
-            return Err(starter.failure());
-        };
-        let mut run = self.begun(&start, history);
-        let next = start.row + 1;
-        if next < times.len() {
-            let inputs = inputs.map(|u| &u[next..]);
-            let initial = Some(&start.initial);
-            let rest = self.run(&times[next..], &measurements[next..], initial, inputs, history)?;
-            run.append(rest, history);
-        }
-        Ok(run)
     }
 
     /// Whether a run of these would be accepted.

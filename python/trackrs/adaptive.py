@@ -1,0 +1,66 @@
+"""What makes a filter robust and adaptive: screening of gross errors and estimation of the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class ChiSquareScreen:
+    """Rejects gross errors by a chi-square test of the innovation before they are used.
+
+    After three measurements in a row that leave fewer used components than the position has coordinates, a filter whose
+    sensor can fix positions starts anew from these fixes, if they pass their own test.
+
+    Args:
+        alpha: probability of rejecting a measurement that is right, in (0, 1).
+        mode: which components a failed test rejects: "snoop" drops the worst one until the rest passes (Baarda),
+            "component" tests each by itself, "vector" rejects all (the paper).
+        allowance: position variance that a manoeuvre may add, m², in the test only. None: for a `RangeArray` 25 m² with
+            at most one range more than coordinates, 4 m² with two, else 0; for other sensors 0.
+
+    Reference:
+        Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology", eqs. (13), (14);
+        spec labels U20 to U28. The allowance and the restart are not in the paper.
+
+    Example:
+        >>> import numpy as np, trackrs as tr
+        >>> motion = tr.RandomWalk(dims=2, velocity_psd=0.1)
+        >>> kf = tr.KalmanFilter(motion, tr.PositionSensor(dims=2, std=1.0), screen=tr.ChiSquareScreen(alpha=1e-3))
+        >>> start = tr.GaussianState([0.0, 0.0], np.eye(2))
+        >>> run = kf.run([1.0, 2.0], [[0.3, -0.2], [0.1, 50.0]], initial=start)
+        >>> [[tr.Verdict(v).name for v in row] for row in run.verdicts]
+        [['USED', 'USED'], ['USED', 'REJECTED']]
+    """
+
+    alpha: float = 1e-3
+    mode: Literal["snoop", "component", "vector"] = "snoop"
+    allowance: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LimitedMemoryNoise:
+    """Estimates the motion and sensor noise from the smoothed states of the last measurements.
+
+    The models' own noise is what the filter begins with. The motion's noise must be constant over a step (`accel_std=`,
+    `jerk_std=`) or that of a `LinearMotion`; R is diagonal. Rejected measurements take no part.
+
+    Args:
+        window: measurements in the memory, at least 1.
+        method: "em" adds the covariances of the smoothed states; "map" is the paper as printed, which shrinks the
+            motion noise to its lower limit and loses a manoeuvring target.
+        first_epoch: the estimates are used from this measurement on.
+        q_limits: lowest and highest eigenvalue of Q: (m/s²)² or (m/s³)², as the motion's noise.
+        r_limits: lowest and highest variance of a measurement component.
+
+    Reference:
+        Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology", eqs. (8) to (11);
+        spec labels U13 to U19.
+    """
+
+    window: int = 20
+    method: Literal["em", "map"] = "em"
+    first_epoch: int = 10
+    q_limits: tuple[float, float] = (1e-6, 1e2)
+    r_limits: tuple[float, float] = (1e-2, 1e4)
