@@ -10,8 +10,8 @@ from typing import Literal
 class ChiSquareScreen:
     """Rejects gross errors by a chi-square test of the innovation before they are used.
 
-    After three measurements in a row that leave fewer used components than the position has coordinates, a filter whose
-    sensor can fix positions starts anew from these fixes, if they pass their own test.
+    After three measurements in a row whose rejections left no more components than the position has coordinates, a
+    filter whose sensor can fix positions starts anew from their fixes, if these pass their own test.
 
     Args:
         alpha: probability of rejecting a measurement that is right, in (0, 1).

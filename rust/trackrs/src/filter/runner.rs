@@ -6,12 +6,13 @@
 //! 3. the state is updated with the sensor noise in force;
 //! 4. what was used goes into the memory of the noise estimator, where one is set ([`super::noise`]), which changes the
 //!    noise of the next epoch (U19); rejected data never adapt it;
-//! 5. after [`LOCK_OUT`] epochs in a row with fewer used components than the position has coordinates, the filter starts
-//!    anew from the fixes of these epochs, if they pass their redundancy test (U28): a filter that rejects everything
-//!    never finds back by itself. The smoother's link across a restart is cut (F = 0).
+//! 5. after [`LOCK_OUT`] epochs in a row whose rejections left no more components than the position has coordinates, the
+//!    filter starts anew from the fixes of these epochs, if they pass their redundancy test (U28): then the data agree
+//!    among themselves and the prediction is wrong. The smoother's link across a restart is cut (F = 0).
 //!
 //! Reference: Xi, Liu, Tao, Lu, Tracking submarine moving target with the adaptive estimation methodology; spec labels
-//! U19, U24–U28. Deviation: the paper has no restart.
+//! U19, U24–U28. Deviations: the paper has no restart; U28 has it only when fewer components are left than coordinates, but
+//! a filter that has lost its redundancy to one channel, rejected for ever, does not find back by itself either.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -160,7 +161,7 @@ impl<'a> Runner<'a> {
             .iter()
             .filter(|&&verdict| verdict == Verdict::Used)
             .count();
-        if used >= self.filter.motion().position_dims() || !rejected {
+        if used > self.filter.motion().position_dims() || !rejected {
             self.locked.clear();
             return Ok(None);
         }
