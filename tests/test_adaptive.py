@@ -108,17 +108,20 @@ def test_a_filter_that_has_lost_its_way_starts_anew_and_can_be_smoothed():
 
 
 def test_noise_of_a_linear_model_is_found():
-    """Q = 0.5 and R = 2 from a start ten times too small and ten times too large."""
-    rng = np.random.default_rng(8)
-    steps = 4000
-    level = np.cumsum(rng.normal(0.0, 0.5**0.5, steps))
-    values = (level + rng.normal(0.0, 2.0**0.5, steps))[:, None]
-    kf = tr.KalmanFilter(
-        tr.LinearMotion([[1.0]], [[0.05]]), tr.LinearSensor([[1.0]], [[20.0]]), adapt=tr.LimitedMemoryNoise(window=200)
-    )
-    run = kf.run(np.arange(1.0, steps + 1), values, initial=tr.GaussianState([0.0], [[1.0]]))
-    assert run.q_hat[1000:].mean() == pytest.approx(0.5, rel=0.15)
-    assert run.r_hat[1000:].mean() == pytest.approx(2.0, rel=0.15)
+    """Q = 0.5 and R = 2 from a start of 0.25 and 4; eight series of 2000 give the mean a standard error of 2 %."""
+    q, r = [], []
+    steps = 3000
+    motion, sensor = tr.LinearMotion([[1.0]], [[0.25]]), tr.LinearSensor([[1.0]], [[4.0]])
+    kf = tr.KalmanFilter(motion, sensor, adapt=tr.LimitedMemoryNoise(window=100))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        level = np.cumsum(rng.normal(0.0, 0.5**0.5, steps))
+        values = (level + rng.normal(0.0, 2.0**0.5, steps))[:, None]
+        run = kf.run(np.arange(1.0, steps + 1), values, initial=tr.GaussianState([0.0], [[1.0]]))
+        q.append(run.q_hat[1000:].mean())
+        r.append(run.r_hat[1000:].mean())
+    assert np.mean(q) == pytest.approx(0.5, rel=0.08)
+    assert np.mean(r) == pytest.approx(2.0, rel=0.04)
 
 
 def test_measurements_at_one_time_do_not_disturb_the_estimate():
