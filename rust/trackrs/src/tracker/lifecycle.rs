@@ -11,11 +11,12 @@
 //!
 //! Reference: Bar-Shalom, Li (1995), §3.3 (M of N); Blackman, Popoli (1999), §6.2.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, require_non_negative, require_positive};
 use crate::gaussian::Gaussian;
+use crate::model::Motion;
 
 /// Initiation by M hits in N scans.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -141,6 +142,25 @@ impl Start {
         };
         DVector::from_iterator(self.reports[0].len(), (0..self.reports[0].len()).map(median))
     }
+}
+
+/// A state at rest at the reported position; what is not reported is as uncertain as the speed bound leaves it.
+pub fn start_state(position: &Gaussian, motion: &dyn Motion, max_speed: f64) -> Gaussian {
+    let dims = position.dim();
+    let n = motion.state_dim();
+    let mut mean = DVector::zeros(n);
+    mean.rows_mut(0, dims).copy_from(&position.mean);
+    let mut cov = DMatrix::zeros(n, n);
+    for i in dims..n {
+        let std = if i < 2 * dims {
+            max_speed / 2.0
+        } else {
+            max_speed / 10.0
+        };
+        cov[(i, i)] = std * std;
+    }
+    cov.view_mut((0, 0), (dims, dims)).copy_from(&position.cov);
+    Gaussian { mean, cov }
 }
 
 /// Whether the windows satisfy M of N.

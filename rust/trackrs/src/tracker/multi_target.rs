@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMapState;
 use super::config::TrackerConfig;
-use super::lifecycle::{Start, Window, ended, enough_hits, hopeless, moves, speed};
+use super::lifecycle::{Start, Window, ended, enough_hits, hopeless, moves, speed, start_state};
 use super::look::{Look, Taker};
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
@@ -26,7 +26,7 @@ use crate::filter::extended::linearise;
 use crate::filter::kalman;
 use crate::gating::mahalanobis::{Expectation, GatedTrack, gate_track};
 use crate::gaussian::Gaussian;
-use crate::model::{Motion, MotionModel, Sensor};
+use crate::model::{Motion, Sensor};
 use crate::scan::Scan;
 use crate::state;
 use crate::track::Track;
@@ -380,23 +380,4 @@ fn compare(prior: &Gaussian, look: &Look, candidates: &[DVector<f64>], threshold
     };
     let gated = gate_track(&expectation, &look.sensor, candidates, thresholds)?;
     Ok(Compared { expectation, gated })
-}
-
-/// A state at rest at the reported position; what is not reported is as uncertain as the speed bound leaves it.
-fn start_state(position: &Gaussian, motion: &MotionModel, max_speed: f64) -> Gaussian {
-    let dims = position.dim();
-    let n = motion.state_dim();
-    let mut mean = DVector::zeros(n);
-    mean.rows_mut(0, dims).copy_from(&position.mean);
-    let mut cov = nalgebra::DMatrix::zeros(n, n);
-    for i in dims..n {
-        let std = if i < 2 * dims {
-            max_speed / 2.0
-        } else {
-            max_speed / 10.0
-        };
-        cov[(i, i)] = std * std;
-    }
-    cov.view_mut((0, 0), (dims, dims)).copy_from(&position.cov);
-    Gaussian { mean, cov }
 }
