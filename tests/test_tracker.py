@@ -289,6 +289,17 @@ def test_initial_states_are_tracks_from_the_beginning():
     assert len(tracks) == 0
 
 
+def test_initial_states_of_different_times_meet_at_the_latest():
+    motion = tr.ConstantVelocity(dims=2, accel_psd=0.2)
+    cov = np.diag([4.0, 4.0, 1.0, 1.0])
+    early, late = (tr.GaussianState([0.0, 0.0, 3.0, 0.0], cov, time=t) for t in (0.0, 2.0))
+    tracks = make_tracker(initial=[early, late]).step(tr.Scan(2.0, [], sensor="radar"))
+    np.testing.assert_allclose(tracks.means[:, 0], [6.0, 0.0])
+    F = motion.transition(2.0)
+    np.testing.assert_allclose(tracks.covs[0], F @ cov @ F.T + motion.noise(2.0))
+    np.testing.assert_allclose(tracks.covs[1], cov)
+
+
 def test_two_trackers_have_their_own_ids():
     one, two = make_tracker(), make_tracker()
     for k in range(6):

@@ -1,48 +1,44 @@
 //! NumPy arrays in and out. The facade hands over C-contiguous float64; anything else is refused by name.
 
 use nalgebra::{DMatrix, DVector};
+use numpy::ndarray::Dimension;
 use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-    PyUntypedArrayMethods,
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use trackrs::Gaussian;
 
 use crate::error::exception;
 
-fn refuse(py: Python<'_>, name: &str) -> PyErr {
-    exception(
-        py,
-        "DimensionError",
-        format!("{name} must be a C-contiguous, aligned float64 array"),
-    )
+/// The numbers of an array, row by row. `as_slice` alone would also take Fortran order and so transpose it.
+fn c_slice<'a, D: Dimension>(array: &'a PyReadonlyArray<'_, f64, D>, name: &str) -> PyResult<&'a [f64]> {
+    match array.as_slice() {
+        Ok(slice) if array.is_c_contiguous() => Ok(slice),
+        _ => Err(exception(
+            array.py(),
+            "DimensionError",
+            format!("{name} must be a C-contiguous, aligned float64 array"),
+        )),
+    }
 }
 
 /// A vector.
 pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<DVector<f64>> {
-    if !array.is_c_contiguous() {
-        return Err(refuse(array.py(), name));
-    }
-    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let slice = c_slice(array, name)?;
     Ok(DVector::from_row_slice(slice))
 }
 
-/// A matrix. `as_slice` alone would also take Fortran order and so transpose it.
+/// A matrix.
 pub(crate) fn matrix(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<DMatrix<f64>> {
-    if !array.is_c_contiguous() {
-        return Err(refuse(array.py(), name));
-    }
-    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let slice = c_slice(array, name)?;
     let shape = array.shape();
     Ok(DMatrix::from_row_slice(shape[0], shape[1], slice))
 }
 
 /// The rows of a matrix as vectors.
 pub(crate) fn rows(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Vec<DVector<f64>>> {
-    if !array.is_c_contiguous() {
-        return Err(refuse(array.py(), name));
-    }
-    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let slice = c_slice(array, name)?;
     let width = array.shape()[1];
     if width == 0 {
         return Ok(vec![DVector::zeros(0); array.shape()[0]]);
@@ -52,10 +48,7 @@ pub(crate) fn rows(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Ve
 
 /// The matrices of an array (k, m, n).
 pub(crate) fn matrices(array: &PyReadonlyArray3<'_, f64>, name: &str) -> PyResult<Vec<DMatrix<f64>>> {
-    if !array.is_c_contiguous() {
-        return Err(refuse(array.py(), name));
-    }
-    let slice = array.as_slice().map_err(|_| refuse(array.py(), name))?;
+    let slice = c_slice(array, name)?;
     let (rows, columns) = (array.shape()[1], array.shape()[2]);
     let size = (rows * columns).max(1);
     Ok(slice

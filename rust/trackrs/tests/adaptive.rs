@@ -209,7 +209,7 @@ fn estimated_noise_is_that_of_the_reference() {
                 measurement: case.measurements[k].clone(),
                 platform: None,
             };
-            let estimate = memory.push(epoch, &case.sensor).unwrap().unwrap();
+            let estimate = memory.push(epoch, &case.sensor).unwrap();
             close(&estimate.q, &step["Q_hat"], &format!("{name} Q_hat, step {k}"));
             close(&estimate.r, &step["R_hat"], &format!("{name} R_hat, step {k}"));
             close(memory.q(), &step["Q"], &format!("{name} Q, step {k}"));

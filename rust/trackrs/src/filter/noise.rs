@@ -150,8 +150,8 @@ impl NoiseMemory {
         self.epochs.clear();
     }
 
-    /// Takes in an epoch and updates the noise in force. The estimate is `None` while too few epochs have come.
-    pub fn push(&mut self, epoch: ProcessedEpoch, sensor: &dyn Sensor) -> Result<Option<NoiseEstimate>> {
+    /// Takes in an epoch and updates the noise in force. The estimate is returned before clipping.
+    pub fn push(&mut self, epoch: ProcessedEpoch, sensor: &dyn Sensor) -> Result<NoiseEstimate> {
         if self.epochs.len() == self.rule.window
             && let Some(oldest) = self.epochs.pop_front()
         {
@@ -161,7 +161,7 @@ impl NoiseMemory {
         self.processed += 1;
         let estimate = self.estimate(sensor)?;
         if self.processed < self.rule.first_epoch {
-            return Ok(Some(estimate));
+            return Ok(estimate);
         }
         let (low, high) = (self.rule.q_limits.min, self.rule.q_limits.max);
         self.q = clip_eigenvalues(&estimate.q, low, high)?;
@@ -176,7 +176,7 @@ impl NoiseMemory {
                 self.r[(i, i)] = estimate.r[(i, i)].clamp(self.rule.r_limits.min, self.rule.r_limits.max);
             }
         }
-        Ok(Some(estimate))
+        Ok(estimate)
     }
 
     fn estimate(&self, sensor: &dyn Sensor) -> Result<NoiseEstimate> {

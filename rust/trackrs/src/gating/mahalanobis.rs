@@ -78,21 +78,8 @@ pub struct Expectation {
     pub linearised: Linearised,
 }
 
-/// For every track, in order, the pairs inside its gate.
+/// The pairs inside one track's gate. `thresholds` are those of [`Gate::thresholds`].
 pub fn gate(
-    tracks: &[Expectation],
-    sensor: &dyn Sensor,
-    reports: &[DVector<f64>],
-    thresholds: &[f64],
-) -> Result<Vec<GatedTrack>> {
-    tracks
-        .iter()
-        .map(|track| gate_track(track, sensor, reports, thresholds))
-        .collect()
-}
-
-/// The pairs inside one track's gate.
-pub fn gate_track(
     track: &Expectation,
     sensor: &dyn Sensor,
     reports: &[DVector<f64>],
@@ -136,4 +123,52 @@ fn whiten(
     let observed: Vec<usize> = (0..innovation.len()).filter(|&i| !innovation[i].is_nan()).collect();
     let part = prediction.select(prior, &observed)?;
     Ok(part.whiten(&innovation.select_rows(&observed)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::extended::{linearise, update};
+    use crate::model::sensor::RangeBearing;
+    use nalgebra::DMatrix;
+
+    /// The box test and the missing components must not change what the definition says of any pair.
+    #[test]
+    fn the_gate_holds_the_pairs_that_the_definition_holds() {
+        let radar = RangeBearing::new([0.0, 0.0], 10.0, 0.02).unwrap();
+        let prior = Gaussian::new(
+            DVector::from_vec(vec![-300.0, 2.0, 1.0, 0.0]),
+            DMatrix::from_diagonal(&DVector::from_vec(vec![100.0, 60.0, 1.0, 1.0])),
+        )
+        .unwrap();
+        let mut reports = Vec::new();
+        for i in -12..=12 {
+            for j in -12..=12 {
+                // Bearings on both sides of the seam at π.
+                let bearing = std::f64::consts::PI + 0.01 * f64::from(j);
+                reports.push(DVector::from_vec(vec![300.0 + 5.0 * f64::from(i), bearing]));
+            }
+            reports.push(DVector::from_vec(vec![300.0 + 5.0 * f64::from(i), f64::NAN]));
+        }
+        let thresholds = Gate::new(0.9).unwrap().thresholds(2).unwrap();
+        let track = Expectation {
+            linearised: linearise(&prior, &radar, None).unwrap(),
+            prior: prior.clone(),
+        };
+        let gated = gate(&track, &radar, &reports, &thresholds).unwrap();
+        let mut expected = Vec::new();
+        for (report, measured) in reports.iter().enumerate() {
+            let update = update(&prior, &radar, measured, None).unwrap();
+            if update.nis <= thresholds[update.dof] {
+                expected.push((report, update.nis, update.log_likelihood));
+            }
+        }
+        let found: Vec<_> = gated
+            .pairs
+            .iter()
+            .map(|p| (p.report, p.nis, p.log_likelihood))
+            .collect();
+        assert_eq!(found, expected);
+        assert!(found.len() > 50 && found.len() < reports.len() / 2, "{}", found.len());
+    }
 }

@@ -24,7 +24,7 @@ use crate::error::{Error, Result, require_finite, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
 use crate::filter::extended::linearise;
 use crate::filter::kalman;
-use crate::gating::mahalanobis::{Expectation, GatedTrack, gate_track};
+use crate::gating::mahalanobis::{Expectation, GatedTrack, gate};
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, Sensor};
 use crate::scan::Scan;
@@ -61,7 +61,7 @@ impl MultiTargetTracker {
     pub fn new(config: TrackerConfig) -> Result<Self> {
         config.check()?;
         let mut tracker = Self {
-            time: config.initial.iter().map(|s| s.time).reduce(f64::min),
+            time: config.initial.iter().map(|s| s.time).reduce(f64::max),
             tracks: Vec::new(),
             next_id: 1,
             clutter: config.clutter_map.map(ClutterMapState::new),
@@ -71,7 +71,8 @@ impl MultiTargetTracker {
             config,
         };
         for start in tracker.config.initial.clone() {
-            // All begin at the earliest of their times, so that one clock serves the whole tracker.
+            // All are brought to the latest of their times, so that one clock serves the whole tracker.
+            let ahead = tracker.time.map_or(0.0, |now| now - start.time);
             let track = LiveTrack {
                 id: Some(tracker.next_id),
                 start: Start::new(
@@ -81,7 +82,7 @@ impl MultiTargetTracker {
                         .rows(0, tracker.config.motion.position_dims())
                         .as_slice(),
                 ),
-                state: start.state,
+                state: kalman::predict(&start.state, &tracker.config.motion, ahead, None),
                 windows: vec![Window::started(); tracker.config.sensors.len()],
                 born: start.time,
                 last_hit: start.time,
@@ -378,6 +379,6 @@ fn compare(prior: &Gaussian, look: &Look, candidates: &[DVector<f64>], threshold
         prior: prior.clone(),
         linearised: linearise(prior, &look.sensor, look.platform.as_ref())?,
     };
-    let gated = gate_track(&expectation, &look.sensor, candidates, thresholds)?;
+    let gated = gate(&expectation, &look.sensor, candidates, thresholds)?;
     Ok(Compared { expectation, gated })
 }
