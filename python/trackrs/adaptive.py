@@ -13,6 +13,9 @@ class ChiSquareScreen:
     After three measurements in a row whose rejections left no more components than the position has coordinates, a
     filter whose sensor can fix positions starts anew from their fixes, if these pass their own test.
 
+    After a gap so long that the position is uncertain by more than twice the range across it, ranges are held (`MISSING`)
+    until together they give a start; the lasting errors of the sensor enter it as they are known.
+
     Args:
         alpha: probability of rejecting a measurement that is right, in (0, 1).
         mode: which components a failed test rejects: "snoop" drops the worst one until the rest passes (Baarda),

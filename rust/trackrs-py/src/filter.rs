@@ -89,6 +89,12 @@ impl Filter {
         Ok(Self { filter })
     }
 
+    /// The same filter with the curvature of the sensor in its updates.
+    fn with_second_order(&self, py: Python<'_>) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_second_order())?;
+        Ok(Self { filter })
+    }
+
     /// The same filter with a screen for gross errors.
     #[pyo3(signature = (alpha, mode, allowance=None))]
     fn with_screen(&self, py: Python<'_>, alpha: f64, mode: &str, allowance: Option<f64>) -> PyResult<Self> {
@@ -221,7 +227,7 @@ impl Filter {
         let (initial, mut run, begin) = if let Some(given) = initial {
             (given, FilterRun::default(), 0)
         } else {
-            let start = self.find_start(py, times.as_slice(), &values)?;
+            let start = self.find_start(py, times.as_slice(), &values, inputs)?;
             let run = self.filter.begun(&start, history);
             (start.initial, run, start.row + 1)
         };
@@ -249,11 +255,19 @@ impl Filter {
 }
 
 impl Filter {
-    fn find_start(&self, py: Python<'_>, times: &[f64], values: &[DVector<f64>]) -> PyResult<Start> {
+    fn find_start(
+        &self,
+        py: Python<'_>,
+        times: &[f64],
+        values: &[DVector<f64>],
+        inputs: Option<&[DVector<f64>]>,
+    ) -> PyResult<Start> {
         let mut starter = compute(py, || self.filter.starter())?;
         for from in (0..times.len()).step_by(START_CHUNK) {
             let part = from..(from + START_CHUNK).min(times.len());
-            let found = compute(py, || starter.search(&times[part.clone()], &values[part]))?;
+            let found = compute(py, || {
+                starter.search(&times[part.clone()], &values[part.clone()], inputs.map(|u| &u[part]))
+            })?;
             if let Some(start) = found {
                 return Ok(Start {
                     row: from + start.row,

@@ -8,3 +8,4 @@ pub mod screen;
 pub mod sequence;
 pub mod smoother;
 pub mod start;
+mod window;
