@@ -75,4 +75,15 @@ def test_readme_commands(tmp_path):
 def test_readme_links():
     for target in re.findall(r"\]\(([^)#:]+)\)", README):
         assert (ROOT / target).exists(), target
-    assert (ROOT / "docs" / "harbour.png").stat().st_size < 200_000
+    for picture in (ROOT / "docs").glob("*.png"):
+        assert picture.stat().st_size < 200_000
+
+
+def test_radio_ranges(tmp_path):
+    lines = run(
+        [sys.executable, ROOT / "examples" / "radio_ranges.py", "--out", tmp_path / "out"], tmp_path
+    ).splitlines()
+    assert lines[0] == "3529 ranges in 1932 s, none for 97 s"
+    assert [line.split("  ")[0] for line in lines[1:3]] == ["ranges only", "with odometry*"]
+    assert lines[3].startswith("* The recorded headings equal those of the truth")
+    assert (tmp_path / "out" / "radio_ranges.png").stat().st_size > 10_000

@@ -158,8 +158,8 @@ class ExtendedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        second_order: let the curvature of the sensor count in the expected measurement and its variance, as matters where
-            the position is uncertain by a good part of the range: after gaps. For a `RangeArray`.
+        second_order: let the curvature of the sensor count in the expected measurement and its variance, as matters
+            where the position is uncertain by a good part of the range: after gaps. For a `RangeArray`.
 
     Raises:
         DimensionError: the sensor does not fit the motion.

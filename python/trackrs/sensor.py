@@ -124,10 +124,10 @@ class RangeArray(Sensor):
 
     With such a sensor a filter starts by itself: `run(times, values)` needs no `initial`.
 
-    Ranges may have lasting errors, which an `ExtendedKalmanFilter` then estimates with the target: range = (1 + scale) x
-    distance + bias. They stand behind the state of the motion, `run.labels` has `bias0 ... bias{k-1}` and `scale`, and
-    `run.means[:, run.labels.index("scale")]` is the estimate. `initial` and `inputs` may leave them out: they are then as
-    known beforehand, zero with `bias_std` and `scale_std`, and have no input. The depth has no such error.
+    Ranges may have lasting errors, which an `ExtendedKalmanFilter` then estimates with the target: range = (1 + scale)
+    x distance + bias. They stand behind the state of the motion, `run.labels` has `bias0 ... bias{k-1}` and `scale`, and
+    `run.means[:, run.labels.index("scale")]` is the estimate. `initial` and `inputs` may leave them out: they are then
+    as known beforehand, zero with `bias_std` and `scale_std`, and have no input. The depth has no such error.
 
     Args:
         hydrophones: positions (k, d), metres, d = 2 or 3.
@@ -140,14 +140,15 @@ class RangeArray(Sensor):
         side: "above" or "below": which of two mirror images the target is, where a fix leaves both (see `fix`).
         bias_std: standard deviation of the range biases before any measurement, metres; a number or one per hydrophone.
             None: there are none.
-        scale_std: the same of one relative error common to all ranges, such as that of the sound speed. None: there is none.
+        scale_std: the same of one relative error common to all ranges, such as that of the sound speed. None: there is
+            none.
         bias_psd: how fast the biases wander, m²/s: after dt seconds they have changed with variance `bias_psd` dt.
         scale_psd: the same of the relative error, 1/s.
 
     Raises:
         DimensionError: `hydrophones` is not (k, 2) or (k, 3), or another shape does not fit.
-        ParameterError: a standard deviation or speed is not positive, or depth is used in 2 dimensions; a density is negative
-            or has no standard deviation to go with.
+        ParameterError: a standard deviation or speed is not positive, or depth is used in 2 dimensions; a density is
+            negative or has no standard deviation to go with.
 
     Reference:
         Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology"; spec label U5.

@@ -9,8 +9,8 @@ use trackrs::Gaussian;
 use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod};
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
+use trackrs::filter::search::Start;
 use trackrs::filter::sequence::{self, FilterRun, History, InitialState, Sequence};
-use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;

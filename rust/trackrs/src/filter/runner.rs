@@ -6,13 +6,14 @@
 //! 3. the state is updated with the sensor noise in force;
 //! 4. what was used goes into the memory of the noise estimator, where one is set ([`super::noise`]), which changes the
 //!    noise of the next epoch (U19); rejected data never adapt it;
-//! 5. after three epochs in a row whose rejections left no more components than the position has coordinates, the
-//!    filter starts anew from the fixes of these epochs, if they pass their redundancy test (U28): then the data agree
-//!    among themselves and the prediction is wrong. The smoother's link across a restart is cut (F = 0).
+//! 5. after three epochs in a row whose rejections left no more components than the position has coordinates, the filter
+//!    starts anew from the fixes of these epochs, if they pass their redundancy test (U28): then the data agree among
+//!    themselves and the prediction is wrong. The smoother's link across a restart is cut (F = 0). Where single epochs
+//!    cannot fix a position, the same from the first rejection on, as long as at least every second epoch is rejected.
 //!
 //! With a screen there is also a way back after a long gap: a prediction too vague to linearise the measurement at
 //! ([`crate::model::sensor::PositionFix::vague`]) is kept as it is, and the measurements are held until together they give
-//! a start ([`super::start`]); the lasting errors of the sensor enter it as they are known. The prediction was not wrong,
+//! a start ([`super::search`]); the lasting errors of the sensor enter it as they are known. The prediction was not wrong,
 //! so the smoother's link stays: it bridges the gap from both sides. Held measurements count as missing.
 //!
 //! Reference: Xi, Liu, Tao, Lu, Tracking submarine moving target with the adaptive estimation methodology; spec labels
@@ -26,8 +27,8 @@ use nalgebra::{DMatrix, DVector};
 use super::kalman::{Prediction, Update};
 use super::noise::{NoiseMemory, ProcessedEpoch};
 use super::screen::{Screened, Verdict};
+use super::search::Starter;
 use super::sequence::{Filter, FilterRun, History, InitialState, Sequence};
-use super::start::Starter;
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, Sensor, sensor};
@@ -39,10 +40,16 @@ pub struct Runner<'a> {
     state: Gaussian,
     memory: Option<NoiseMemory>,
     allowance: f64,
-    /// Epochs in a row with too few used components, and the search for a start among them.
-    locked: Option<Starter<'a>>,
+    /// Epochs in which the filter rejects what it should use, and the search for a start among them.
+    locked: Option<LockOut<'a>>,
     /// The search among the measurements that are held.
     held: Option<Starter<'a>>,
+}
+
+struct LockOut<'a> {
+    search: Starter<'a>,
+    epochs: usize,
+    rejecting: usize,
 }
 
 /// A measurement that is not used because the prediction is too vague.
@@ -219,14 +226,28 @@ impl<'a> Runner<'a> {
             .iter()
             .filter(|&&verdict| verdict == Verdict::Used)
             .count();
-        if used > self.filter.motion().position_dims() || !rejected {
+        let fixer = self.filter.sensor().position_fix();
+        let sufficient = fixer.is_some_and(|fixer| fixer.sufficient(measurement));
+        let free = match &mut self.locked {
+            Some(lock) if !sufficient => {
+                lock.epochs += usize::from(measurement.iter().any(|v| !v.is_nan()));
+                lock.rejecting += usize::from(rejected);
+                2 * lock.rejecting < lock.epochs
+            }
+            _ => !rejected || used > self.filter.motion().position_dims(),
+        };
+        if free {
             self.locked = None;
             return Ok(None);
         }
         if self.locked.is_none() {
-            self.locked = self.filter.starter().ok();
+            self.locked = self.filter.starter().ok().map(|search| LockOut {
+                search,
+                epochs: 1,
+                rejecting: 1,
+            });
         }
-        let Some(search) = &mut self.locked else {
+        let Some(LockOut { search, .. }) = &mut self.locked else {
             return Ok(None);
         };
         let start = search.push(time, measurement, input)?;

@@ -2,7 +2,7 @@
 //!
 //! For k = 0..T: predict from the time before to t_k (the first from `initial.time`, dt = 0 allowed), then update with
 //! row k of the measurements. A row that is NaN throughout is a prediction only.
-//! Without an initial state the run begins where [`super::start`] finds one; rows before that are NaN.
+//! Without an initial state the run begins where [`super::search`] finds one; rows before that are NaN.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::noise::{LimitedMemoryNoise, NoiseMemory};
 use super::runner::{EpochResult, Runner};
 use super::screen::{ChiSquareScreen, Screened, Verdict};
-use super::start::{START_ALPHA, Start, Starter};
+use super::search::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
@@ -216,32 +216,6 @@ impl Filter {
             extended::linearise_with_noise
         };
         linearise(state, &self.sensor, platform, noise)
-    }
-
-    /// A state of the motion alone made one of the filter: the lasting errors of the sensor follow as known beforehand.
-    pub(super) fn complete(&self, state: &Gaussian) -> Result<Gaussian> {
-        let n = self.motion.state_dim();
-        match self.sensor.nuisance() {
-            Some(nuisance) if state.dim() + nuisance.dim() == n => Ok(nuisance.extend(state)),
-            _ => require_size("initial state", n, state.dim()).map(|()| state.clone()),
-        }
-    }
-
-    /// A known input of the motion alone made one of the filter: the lasting errors of the sensor have none.
-    pub(super) fn complete_input(&self, input: &DVector<f64>) -> DVector<f64> {
-        let missing = self.motion.state_dim().saturating_sub(input.len());
-        input.clone().insert_rows(input.len(), missing, 0.0)
-    }
-
-    /// Checks lengths that may leave out the lasting errors of the sensor.
-    fn require_states<'a>(&self, what: &str, states: impl IntoIterator<Item = &'a DVector<f64>>) -> Result<()> {
-        let n = self.motion.state_dim();
-        let kinematic = n - self.sensor.nuisance().map_or(0, |nuisance| nuisance.dim());
-        let odd = states
-            .into_iter()
-            .map(DVector::len)
-            .find(|&len| len != n && len != kinematic);
-        odd.map_or(Ok(()), |found| require_size(what, n, found))
     }
 
     /// The screen for gross errors, where one is set.

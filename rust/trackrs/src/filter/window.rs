@@ -44,6 +44,13 @@ pub(super) struct Row {
     pub(super) input: Option<DVector<f64>>,
 }
 
+impl Row {
+    /// Whether a known input moves the state here.
+    pub(super) fn is_pushed(&self) -> bool {
+        self.input.iter().flatten().any(|&v| v != 0.0)
+    }
+}
+
 /// Measurements to fit a state to, and the models that say how.
 pub(super) struct Window<'a> {
     motion: &'a dyn Motion,
