@@ -84,7 +84,8 @@ class _SequenceFilter:
             values: (T, m); NaN = component not observed, a row of NaN = no measurement.
             initial: the estimate to begin with; it is predicted from its own time to the first of `times`. With a
                 `RangeArray` it may be left out: the run then starts at the third of three consecutive measurements
-                whose position fixes pass the test of their redundancy (alpha = 0.01), and rows before that are NaN.
+                whose position fixes pass the test of their redundancy (alpha = 0.01, or its square where the sensor
+                adds components: they fail again what they fail once), and rows before that are NaN.
                 Where single measurements cannot fix a position, as ranges that come one at a time, they are gathered
                 until they can, and the state is fitted to three such groups, each measurement at its own time.
                 Components that the sensor adds may be left out.

@@ -125,9 +125,9 @@ class RangeArray(Sensor):
     With such a sensor a filter starts by itself: `run(times, values)` needs no `initial`.
 
     Ranges may have lasting errors, which an `ExtendedKalmanFilter` then estimates with the target: range = (1 + scale)
-    x distance + bias. They stand behind the state of the motion, `run.labels` has `bias0 ... bias{k-1}` and `scale`, and
-    `run.means[:, run.labels.index("scale")]` is the estimate. `initial` and `inputs` may leave them out: they are then
-    as known beforehand, zero with `bias_std` and `scale_std`, and have no input. The depth has no such error.
+    x distance + bias. They stand behind the state of the motion: `run.labels` has `bias0 ... bias{k-1}` and `scale`,
+    and `run.means[:, run.labels.index("scale")]` is the estimate. `initial` and `inputs` may leave them out: they are
+    then as known beforehand, zero with `bias_std` and `scale_std`, and have no input. The depth has no such error.
 
     Args:
         hydrophones: positions (k, d), metres, d = 2 or 3.
