@@ -127,7 +127,7 @@ fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) 
 impl Sensor {
     #[allow(clippy::too_many_arguments)]
     #[staticmethod]
-    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None))]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None))]
     fn range_array(
         py: Python<'_>,
         hydrophones: PyReadonlyArray2<'_, f64>,
@@ -137,12 +137,14 @@ impl Sensor {
         profile: Option<(Vec<f64>, Vec<f64>)>,
         side: Option<&str>,
         preset: Option<&str>,
+        survey_std: Option<Vec<f64>>,
     ) -> PyResult<Self> {
         let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
         let model = compute(py, || {
             let array = RangeArray::new(RangeArraySettings {
                 hydrophones,
                 range_std,
+                survey_std: survey_std.unwrap_or_default(),
                 depth_std,
                 sound_speed: sound_speed(speeds, profile)?,
                 side: self::side(side)?,
@@ -152,6 +154,27 @@ impl Sensor {
                 Some("toss") => array.require_toss(),
                 _ => Ok(array),
             }
+        })?;
+        Ok(Self {
+            model: SensorModel::RangeArray(model),
+        })
+    }
+
+    /// Range arrays as one.
+    #[staticmethod]
+    fn stack(py: Python<'_>, arrays: Vec<PyRef<'_, Self>>) -> PyResult<Self> {
+        let models: Vec<SensorModel> = arrays.iter().map(|array| array.model.clone()).collect();
+        let model = compute(py, || {
+            let array = |(index, model): (usize, SensorModel)| match model {
+                SensorModel::RangeArray(array) => Ok(array),
+                _ => Err(Error::invalid(
+                    &format!("array {index}"),
+                    "given",
+                    "must be a RangeArray",
+                )),
+            };
+            let arrays = models.into_iter().enumerate().map(array).collect::<Result<Vec<_>>>()?;
+            RangeArray::stack(&arrays)
         })?;
         Ok(Self {
             model: SensorModel::RangeArray(model),

@@ -20,43 +20,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::consistency::ChiSquareTests;
 use crate::error::{Error, Result, require_size};
 use crate::linalg::symmetric::{require_covariance, symmetric_eigen};
-use crate::stats::chi_square;
 
 /// Eigenvalues up to this share of the largest count as zero.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 /// Standard deviations along a dropped direction beyond which an innovation contradicts its covariance.
 const CONTRADICTION: f64 = 10.0;
-
-/// Chi-square tests, one per epoch. Where nothing was observed statistic and p-value are NaN, with no degree of freedom.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ChiSquareTests {
-    /// Chi-square with `dof` degrees of freedom if the model is right.
-    pub statistics: Vec<f64>,
-    /// Degrees of freedom.
-    pub dof: Vec<usize>,
-    /// Probability of a statistic at least as large.
-    pub p_values: Vec<f64>,
-}
-
-impl ChiSquareTests {
-    fn push(&mut self, statistic: f64, dof: usize) {
-        self.dof.push(dof);
-        if dof == 0 && statistic.is_finite() {
-            self.statistics.push(f64::NAN);
-            self.p_values.push(f64::NAN);
-            return;
-        }
-        self.statistics.push(statistic);
-        let impossible = statistic == f64::INFINITY;
-        self.p_values.push(if impossible {
-            0.0
-        } else {
-            chi_square::survival(statistic, dof)
-        });
-    }
-}
 
 /// The normalised squares of innovations (length m each, NaN = not observed), also where a covariance is singular.
 pub fn nis(innovations: &[DVector<f64>], covs: &[DMatrix<f64>]) -> Result<ChiSquareTests> {
@@ -180,6 +151,7 @@ impl WindowSum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stats::chi_square;
     use approx::assert_relative_eq;
 
     #[test]
