@@ -104,6 +104,17 @@ pub(crate) struct Fix<'py> {
     mirror: Option<Bound<'py, PyArray1<f64>>>,
 }
 
+/// What a stacked array is made of; `speeds` is none for ranges and for a profile, which is that of every array.
+#[derive(IntoPyObject)]
+pub(crate) struct Stacked<'py> {
+    hydrophones: Bound<'py, PyArray2<f64>>,
+    range_std: Vec<f64>,
+    survey_std: Vec<f64>,
+    depth_std: Option<f64>,
+    speeds: Option<Vec<f64>>,
+    side: Option<&'static str>,
+}
+
 fn side(name: Option<&str>) -> Result<Option<Side>> {
     match name {
         None => Ok(None),
@@ -160,11 +171,11 @@ impl Sensor {
         })
     }
 
-    /// Range arrays as one.
+    /// Range arrays as one: the arguments that make it.
     #[staticmethod]
-    fn stack(py: Python<'_>, arrays: Vec<PyRef<'_, Self>>) -> PyResult<Self> {
+    fn stack<'py>(py: Python<'py>, arrays: Vec<PyRef<'py, Self>>) -> PyResult<Stacked<'py>> {
         let models: Vec<SensorModel> = arrays.iter().map(|array| array.model.clone()).collect();
-        let model = compute(py, || {
+        let stacked = compute(py, || {
             let array = |(index, model): (usize, SensorModel)| match model {
                 SensorModel::RangeArray(array) => Ok(array),
                 _ => Err(Error::invalid(
@@ -176,8 +187,21 @@ impl Sensor {
             let arrays = models.into_iter().enumerate().map(array).collect::<Result<Vec<_>>>()?;
             RangeArray::stack(&arrays)
         })?;
-        Ok(Self {
-            model: SensorModel::RangeArray(model),
+        let settings = stacked.settings();
+        Ok(Stacked {
+            hydrophones: array::from_matrix(py, &settings.hydrophones)?,
+            range_std: settings.range_std.clone(),
+            survey_std: settings.survey_std.clone(),
+            depth_std: settings.depth_std,
+            speeds: match &settings.sound_speed {
+                Some(SoundSpeed::Uniform(speed)) => Some(vec![*speed]),
+                Some(SoundSpeed::PerChannel(speeds)) => Some(speeds.clone()),
+                Some(SoundSpeed::Profile(_)) | None => None,
+            },
+            side: settings.side.map(|side| match side {
+                Side::Above => "above",
+                Side::Below => "below",
+            }),
         })
     }
 

@@ -166,6 +166,11 @@ impl RangeArray {
         }
     }
 
+    /// What it is made of: standard deviations one per channel.
+    pub fn settings(&self) -> &RangeArraySettings {
+        &self.settings
+    }
+
     /// Number k of hydrophones.
     pub fn channels(&self) -> usize {
         self.settings.hydrophones.nrows()
