@@ -148,18 +148,6 @@ _HOMES = (
     "tracker",
     "types",
 )
-    "adaptive",
-    "association",
-    "errors",
-    "filter",
-    "fusion",
-    "gating",
-    "metric",
-    "motion",
-    "sensor",
-    "tracker",
-    "types",
-)
 
 
 def __getattr__(name: str) -> object:

@@ -129,9 +129,8 @@ class RangeArray(Sensor):
         survey_std: standard deviation of a hydrophone's position along the ray, metres; a number or one per hydrophone,
             for example `geodesy.place_array(...).survey_std`. Ranges get the variance range_std² + survey_std². That
             treats the survey as white noise: ranges to a badly surveyed hydrophone weigh less and are not taken for
-                gross errors, but
-            its error does not average out as the filter then believes, so that covariances are too small after many
-            measurements. None: the survey is exact.
+            gross errors, but its error does not average out as the filter then believes, so that covariances are too
+            small after many measurements. None: the survey is exact.
 
     Raises:
         DimensionError: `hydrophones` is not (k, 2) or (k, 3), or another shape does not fit.
@@ -249,8 +248,7 @@ class RangeArray(Sensor):
 
     @classmethod
     def stack(cls, arrays: Sequence[RangeArray]) -> RangeArray:
-        """Return several arrays as one, whose measurement is all their ranges in this order and the depth, if any,
-        last.
+        """Return several arrays as one: all their ranges in this order, and the depth, if any, last.
 
         Fixes, starts, filters and screens work on it as on any array, and it is the best way to fuse arrays. There is
         one depth, with the smallest `depth_std` of the arrays: the target measures it, and what several arrays receive
@@ -279,11 +277,10 @@ class RangeArray(Sensor):
             >>> tr.RangeArray.stack([near, far]).labels
             ('range0', 'range1', 'range2', 'range3', 'range4', 'depth')
         """
-        parts = list(arrays)
-        out = _trackrs.Sensor.stack([part._core for part in parts])
+        out = _trackrs.Sensor.stack([array._core for array in arrays])
         speeds = out["speeds"]
         # No speeds: ranges, or a profile, which all of them share.
-        speed = parts[0].sound_speed if speeds is None else speeds[0] if len(speeds) == 1 else speeds
+        speed = arrays[0].sound_speed if speeds is None else speeds[0] if len(speeds) == 1 else speeds
         return cls(
             out["hydrophones"],
             out["range_std"],
