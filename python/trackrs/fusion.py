@@ -25,8 +25,8 @@ def covariance_intersection(
 
     For tracks of one target by different arrays, or estimates that have exchanged data. If every covariance is honest,
     so is the result; adding informations with weight 1 each is not, since the tracks share the motion noise. Where the
-    raw measurements are at hand, one filter on `RangeArray.stack` is better: about 0.85 m against 0.98 m on the course
-    of the reference.
+    raw measurements are at hand, one filter on `RangeArray.stack` is better: 0.66 m rms against 0.68 m, and 1.16 m and
+    1.52 m of the single arrays, on the reference course of the underwater paper with 2 % gross errors.
 
     Args:
         states: estimates of the same components at the same time; predict them to one time first.

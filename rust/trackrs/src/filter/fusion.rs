@@ -32,6 +32,7 @@ use crate::linalg::symmetric::{symmetric_eigen, symmetrise};
 const AGREE: f64 = 1e-12;
 /// Moves of weight smaller than this are rounding.
 const SMALLEST_MOVE: f64 = 1e-15;
+/// A bound that is not met in practice; weights short of the best would still be consistent.
 const MAX_MOVES: usize = 10_000;
 /// Halvings of [0, 1] down to the spacing of the numbers there.
 const HALVINGS: usize = 60;
