@@ -216,6 +216,10 @@ def start_state(
         >>> tr.start_state([0.0, 1.0, 2.0], fixes).mean.round(3) + 0.0
         array([20.,  5., 60., 10.,  0.,  0.,  0.,  0.,  0.])
     """
+    rules = {"polynomial", "paper"}
+    if rule not in rules:
+        msg = f'rule = {rule} is invalid: must be "polynomial" or "paper"'
+        raise ParameterError(msg)
     t = array(times, "times", 1)
     if len(t) != len(fixes):
         msg = f"times has size {len(t)}, expected {len(fixes)}, one per fix"
@@ -226,12 +230,9 @@ def start_state(
             msg = 'rule = "paper" is invalid: needs velocity_std= and accel_std=, order 3 and no motion'
             raise ParameterError(msg)
         mean, cov = _trackrs.paper_start(t, given, velocity_std, accel_std)
-    elif rule == "polynomial":
+    else:
         if velocity_std is not None or accel_std is not None:
             msg = 'rule = "polynomial" is invalid: velocity_std= and accel_std= belong to rule="paper"'
             raise ParameterError(msg)
         mean, cov = _trackrs.start_state(t, given, order, None if motion is None else motion._core)
-    else:
-        msg = f'rule = {rule} is invalid: must be "polynomial" or "paper"'
-        raise ParameterError(msg)
     return GaussianState(mean, cov, t[-1])
