@@ -384,19 +384,6 @@ mod tests {
     }
 
     #[test]
-    fn survey_adds_to_the_variance_of_ranges_alone() {
-        let surveyed = RangeArray::new(RangeArraySettings {
-            range_std: vec![3.0],
-            survey_std: vec![4.0, 0.0, 4.0],
-            ..settings()
-        });
-        assert_eq!(
-            surveyed.unwrap().noise().diagonal().as_slice(),
-            [25.0, 9.0, 25.0, 0.3 * 0.3]
-        );
-    }
-
-    #[test]
     fn presets_check_their_geometry() {
         let good = settings().hydrophones;
         assert!(RangeArray::bats(good.clone(), 1.0, 0.3, None).is_ok());

@@ -148,11 +148,11 @@ mod tests {
     #[test]
     fn survey_of_one_array_does_not_touch_the_other() {
         let surveyed = RangeArraySettings {
-            survey_std: vec![2.0],
+            survey_std: vec![2.0, 0.0, 2.0],
             ..array(0.0, None)
         };
         let both = RangeArray::stack(&[made(surveyed), made(array(10.0, None))]).unwrap();
-        let variances = [5.0, 5.0, 5.0, 121.0, 121.0, 121.0];
+        let variances = [5.0, 1.0, 5.0, 121.0, 121.0, 121.0];
         for (found, expected) in both.noise().diagonal().iter().zip(variances) {
             assert!((found - expected).abs() < 1e-12 * expected);
         }
