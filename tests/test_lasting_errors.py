@@ -51,7 +51,7 @@ def test_full_state_is_consistent_from_the_start_on(kind):
             values = np.where(heard, values, np.nan)
         run = ekf.run(times, values)
         rows = [run.start, run.start + 1, run.start + 5, len(times) - 1]
-        nees.append(tr.nees(run.means[rows] - truth[rows], run.covs[rows]))
+        nees.append(tr.nees(run.means[rows] - truth[rows], run.covs[rows]).statistics)
     dof = runs * truth.shape[1]
     low, high = (tr.Gate(p).threshold(dof) / runs for p in (0.0005, 0.9995))
     mean = np.mean(nees, axis=0)
@@ -155,6 +155,8 @@ def test_mistakes_are_named():
     array = tr.RangeArray(RADIOS, 0.5, scale_std=0.1)
     with pytest.raises(tr.ParameterError, match=r'sensor "radio".*extra states scale.*must have none'):
         tr.MultiTargetTracker(PLANE, sensors={"radio": array}, initiator=tr.MofN(2, 3, max_speed=3.0))
+    with pytest.raises(tr.ParameterError, match=r"array 1 .*lasting errors"):
+        tr.RangeArray.stack([tr.RangeArray(RADIOS, 0.5), array])
     with pytest.raises(tr.UnobservableError, match="hydrophone of channel 1"):
         array.observe([11.0, -7.0, 0.0, 0.0, 0.01])
     ekf = tr.ExtendedKalmanFilter(PLANE, array)

@@ -33,6 +33,7 @@ fn radios() -> RangeArray {
     RangeArray::new(RangeArraySettings {
         hydrophones: DMatrix::from_row_slice(4, 2, &[-46.6, 11.0, 11.0, -7.0, 22.1, 23.8, -17.7, 59.0]),
         range_std: vec![0.5],
+        survey_std: Vec::new(),
         depth_std: None,
         sound_speed: None,
         side: None,

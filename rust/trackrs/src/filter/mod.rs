@@ -2,8 +2,10 @@
 
 mod complete;
 pub mod extended;
+pub mod fusion;
 pub mod kalman;
 pub mod noise;
+pub mod paper_start;
 pub mod runner;
 pub mod screen;
 pub mod search;

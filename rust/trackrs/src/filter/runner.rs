@@ -26,7 +26,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::kalman::{Prediction, Update};
 use super::noise::{NoiseMemory, ProcessedEpoch};
-use super::screen::{Screened, Verdict};
+use super::screen::{ChiSquareScreen, Screened, Verdict};
 use super::search::Starter;
 use super::sequence::{Filter, FilterRun, History, InitialState, Sequence};
 use crate::error::Result;
@@ -185,7 +185,7 @@ impl<'a> Runner<'a> {
         input: Option<&DVector<f64>>,
         prediction: &Gaussian,
     ) -> Result<Option<Held>> {
-        if self.filter.screen().is_none() {
+        if !self.filter.screen().is_some_and(ChiSquareScreen::restarts) {
             return Ok(None);
         }
         if self.held.is_none() {
@@ -220,6 +220,9 @@ impl<'a> Runner<'a> {
         let Some(screened) = &result.screened else {
             return Ok(None);
         };
+        if !self.filter.screen().is_some_and(ChiSquareScreen::restarts) {
+            return Ok(None);
+        }
         let rejected = screened.verdicts.contains(&Verdict::Rejected);
         let used = screened
             .verdicts

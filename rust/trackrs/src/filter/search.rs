@@ -346,6 +346,7 @@ mod tests {
         RangeArray::new(RangeArraySettings {
             hydrophones: DMatrix::from_row_slice(3, 3, &[0.0, 0.0, 250.0, 1000.0, 0.0, 252.0, 500.0, 866.0, 248.0]),
             range_std: vec![1.0],
+            survey_std: Vec::new(),
             depth_std: Some(0.3),
             sound_speed: None,
             side: None,

@@ -80,7 +80,7 @@ impl RangeArray {
         let std = |slot: usize| {
             let (channel, range) = (heard.channels[slot], heard.ranges[slot]);
             let lasting = libm::hypot(self.bias_std(channel), self.scale_std() * range);
-            libm::hypot(self.settings.range_std[channel], lasting)
+            libm::hypot(self.range_std(channel), lasting)
         };
         let count = heard.channels.len();
         let mut broken = vec![0_usize; count];

@@ -8,9 +8,11 @@ mod linear;
 mod nuisance;
 mod position;
 mod position_fix;
+mod presets;
 mod range_array;
 mod range_bearing;
 mod sound_speed;
+mod stack;
 
 use std::fmt::Debug;
 use std::sync::Arc;

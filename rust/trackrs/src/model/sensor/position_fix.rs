@@ -17,6 +17,8 @@ pub trait PositionFix: Send + Sync {
     fn fix(&self, measurement: &DVector<f64>) -> Result<Fix>;
     /// `dof` of a fix with every component observed.
     fn redundancy(&self) -> usize;
+    /// Mean variance of the sensor's ranges, m².
+    fn range_variance(&self) -> f64;
     /// Whether a measurement could be one of this sensor at all; the error says why not.
     fn check_values(&self, measurement: &DVector<f64>) -> Result<()>;
     /// Whether enough components are observed for a fix, and for its test if the sensor allows one.
@@ -35,6 +37,10 @@ impl PositionFix for RangeArray {
     }
     fn redundancy(&self) -> usize {
         self.measurement_dim().saturating_sub(self.dims())
+    }
+    fn range_variance(&self) -> f64 {
+        let sum: f64 = self.settings.range_std.iter().map(|std| std * std).sum();
+        sum / self.channels() as f64
     }
     fn check_values(&self, measurement: &DVector<f64>) -> Result<()> {
         RangeArray::check_values(self, measurement)
