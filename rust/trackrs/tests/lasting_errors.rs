@@ -136,8 +136,8 @@ fn curvature_is_the_second_derivative() {
     for k in 0..m {
         let product = &hessians[k] * &prior.cov;
         assert_relative_eq!(found.shift[k], 0.5 * product.trace(), max_relative = 1e-4);
-        for l in 0..m {
-            let expected = 0.5 * (&product * &hessians[l] * &prior.cov).trace();
+        for (l, other) in hessians.iter().enumerate() {
+            let expected = 0.5 * (&product * other * &prior.cov).trace();
             assert_relative_eq!(found.noise[(k, l)], expected, max_relative = 1e-3, epsilon = 1e-6);
         }
     }
@@ -231,8 +231,8 @@ fn known_inputs_count_in_the_start() {
         .collect();
     let run = filter.run(&times, &values, None, Some(&inputs), History::Full).unwrap();
     assert!(run.start < 20, "{}", run.start);
-    for k in run.start..truth.len() {
-        let error = run.filtered[k].mean.rows(0, 2) - &truth[k];
+    for (k, (estimate, position)) in run.filtered.iter().zip(&truth).enumerate().skip(run.start) {
+        let error = estimate.mean.rows(0, 2) - position;
         assert!(error.norm() < 3.0, "{k}: {error}");
     }
     // The inputs of the lasting errors may be left out.
@@ -285,8 +285,8 @@ fn a_long_gap_is_bridged() {
     assert!(scale(again) <= scale(199) * (1.0 + 1e-9));
     assert!((run.filtered[again].mean.rows(0, 2) - &truth[again]).norm() < 3.0);
     let smoothed = trackrs::filter::smoother::fixed_interval(&run.epochs().unwrap()).unwrap();
-    for k in 200..again {
-        let error = smoothed.states[k - run.start].mean.rows(0, 2) - &truth[k];
+    for (k, position) in truth.iter().enumerate().take(again).skip(200) {
+        let error = smoothed.states[k - run.start].mean.rows(0, 2) - position;
         assert!(error.norm() < 6.0, "{k}: {error}");
     }
 }

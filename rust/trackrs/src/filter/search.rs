@@ -2,7 +2,7 @@
 //!
 //! A run starts at the third of three consecutive measurements whose fixes all pass the test of their redundancy. Where the
 //! sensor has lasting errors ([`crate::model::sensor::Nuisance`]), which are common to the three, the state is fitted to all
-//! three together ([`super::window`]), so that the covariance of position, velocity and errors is exact to first order. A
+//! three together (`filter::window`), so that the covariance of position, velocity and errors is exact to first order. A
 //! test that lasting errors of an unlikely size fail, they fail again and again: with such the level is α², so that it is
 //! not one run in a hundred that never starts.
 //!
