@@ -15,6 +15,7 @@ __all__ = [
     "Motion",
     "Sensor",
     "Tracker",
+    "Underwater",
     "__version__",
     "apply_similarity",
     "assign",
@@ -27,6 +28,8 @@ __all__ = [
     "nees",
     "ospa",
     "place_array",
+    "reference_course",
+    "reference_hydrophones",
     "smooth",
 ]
 
@@ -179,3 +182,21 @@ def evaluate(
     centres: _Array | None = None,
     region: float | None = None,
 ) -> dict[str, Any]: ...
+
+@final
+class Underwater:
+    @staticmethod
+    def make(
+        array: Sensor,
+        course: Mapping[str, Any],
+        dt: float,
+        gross: float,
+        missing: float,
+        jerk_std: float | None = None,
+    ) -> Underwater: ...
+    def times(self) -> _Array: ...
+    def truth(self) -> _Array: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+def reference_course() -> dict[str, Any]: ...
+def reference_hydrophones() -> tuple[_Array, _Array]: ...

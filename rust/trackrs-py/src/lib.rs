@@ -9,6 +9,7 @@ mod filter;
 mod geodesy;
 mod metric;
 mod model;
+mod sim;
 mod smoother;
 mod stats;
 mod tracker;
@@ -29,6 +30,8 @@ mod _trackrs {
     use crate::metric::{evaluate, gospa, nees, ospa};
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
+    #[pymodule_export]
+    use crate::sim::{Underwater, reference_course, reference_hydrophones};
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]
