@@ -1,7 +1,7 @@
 """Scenarios: truth, and what the sensors would have reported of it, drawn from seeded streams.
 
-Run k with seed s has the same bits on every machine and whatever runs were drawn before: its random numbers are those of
-NumPy's `PCG64DXSM(SeedSequence(s, spawn_key=(k,)))`.
+Run k with seed s has the same bits on every machine and whatever runs were drawn before: its random numbers come from the bits
+of NumPy's `PCG64(SeedSequence(s, spawn_key=(k,)))`.
 """
 
 from __future__ import annotations

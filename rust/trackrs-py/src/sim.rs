@@ -118,9 +118,7 @@ pub(crate) fn reference_course() -> CourseItems {
 
 /// The hydrophones of the two reference arrays, BATS and TOSS.
 #[pyfunction]
-pub(crate) fn reference_hydrophones(
-    py: Python<'_>,
-) -> PyResult<(Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<f64>>)> {
+pub(crate) fn reference_hydrophones(py: Python<'_>) -> PyResult<(Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<f64>>)> {
     Ok((
         array::from_matrix(py, &bats_hydrophones())?,
         array::from_matrix(py, &toss_hydrophones())?,

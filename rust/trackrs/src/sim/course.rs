@@ -120,7 +120,12 @@ impl Course {
             }
             let here = self.at(time);
             let [x, y] = plan;
-            let row = [&[x, y, here.depth], here.velocity.as_slice(), here.acceleration.as_slice()].concat();
+            let row = [
+                &[x, y, here.depth],
+                here.velocity.as_slice(),
+                here.acceleration.as_slice(),
+            ]
+            .concat();
             states.row_mut(k).copy_from_slice(&row);
         }
         Ok(Trajectory { times, states })
