@@ -19,13 +19,13 @@ TOSS = np.stack(
 
 
 def manoeuvre(dt=1.0, fine=20):
-    """The reference course: straight, turn, straight, dive, turn back; rates ramp over 2 s, 15 m/s in total."""
+    """The reference course: straight, turn, straight, dive, turn back; rates ramp over 2 s inside the legs, 15 m/s."""
     t = np.arange(0.0, 160.0 + dt / 2, dt / fine)
 
     def between(begin, end):
-        return np.clip((t - begin) / 2.0, 0.0, 1.0) - np.clip((t - end) / 2.0, 0.0, 1.0)
+        return np.clip((t - begin) / 2.0, 0.0, 1.0) - np.clip((t - end + 2.0) / 2.0, 0.0, 1.0)
 
-    rate = np.radians(3.0 * between(40.0, 80.0) - 4.0 * between(130.0, 170.0))
+    rate = np.radians(3.0 * between(40.0, 80.0) - 4.0 * between(130.0, 160.0))
     sink = 3.0 * between(100.0, 130.0)
     course = np.radians(20.0) + np.cumsum(rate) * dt / fine
     level = np.sqrt(225.0 - sink**2)

@@ -32,7 +32,7 @@ class _SequenceFilter:
 
     def _keep(self, core: _trackrs.Filter) -> None:
         if self.screen is not None:
-            core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.allowance)
+            core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.restart, self.screen.allowance)
         if self.adapt is not None:
             rule = self.adapt
             core = core.with_adaptation(rule.window, rule.method, rule.first_epoch, rule.q_limits, rule.r_limits)

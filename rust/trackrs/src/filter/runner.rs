@@ -155,6 +155,9 @@ impl<'a> Runner<'a> {
         let Some(screened) = &result.screened else {
             return Ok(None);
         };
+        if !self.filter.screen().is_some_and(|screen| screen.restarts()) {
+            return Ok(None);
+        }
         let rejected = screened.verdicts.contains(&Verdict::Rejected);
         let used = screened
             .verdicts

@@ -289,6 +289,10 @@ impl PositionFix for RangeArray {
     fn redundancy(&self) -> usize {
         self.measurement_dim().saturating_sub(self.dims())
     }
+    fn range_variance(&self) -> f64 {
+        let sum: f64 = self.settings.range_std.iter().map(|std| std * std).sum();
+        sum / self.channels() as f64
+    }
 }
 
 #[cfg(test)]
