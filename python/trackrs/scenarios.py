@@ -1,7 +1,7 @@
 """Scenarios: truth, and what the sensors would have reported of it, drawn from seeded streams.
 
-Run k with seed s has the same bits on every machine and whatever runs were drawn before: its random numbers come from the bits
-of NumPy's `PCG64(SeedSequence(s, spawn_key=(k,)))`.
+Run k with seed s has the same bits on every machine, whatever runs were drawn before: its random numbers come from the
+bits of NumPy's `PCG64(SeedSequence(s, spawn_key=(k,)))`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ import operator
 from dataclasses import asdict, astuple, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, frozen
 from trackrs.errors import ParameterError
@@ -19,6 +17,7 @@ from trackrs.sensor import RangeArray
 from trackrs.types import freeze_columns
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 __all__ = ["Course", "Leg", "Recording", "Underwater", "underwater"]
@@ -71,7 +70,7 @@ class Course:
     def reference(cls) -> Course:
         """Return the course of the underwater paper's reference scenario: straight, turn, straight, dive, turn back.
 
-        160 s at 15 m/s: a turn of 3°/s from 40 to 80 s, a dive of 3 m/s from 100 to 130 s, a turn of −4°/s from there on.
+        160 s at 15 m/s: a turn of 3°/s from 40 to 80 s, a dive of 3 m/s from 100 to 130 s, then a turn of -4°/s.
         """
         items = _trackrs.reference_course()
         legs = tuple(Leg(*leg) for leg in items.pop("legs"))
@@ -111,7 +110,7 @@ class Underwater:
     _core: _trackrs.Underwater = field(repr=False)
 
     def draw(self, seed: int, run: int = 0) -> Recording:
-        """Return run number `run` of a study with this seed, both from 0 to 2⁶⁴ − 1.
+        """Return run number `run` of a study with this seed, both from 0 to 2⁶⁴ - 1.
 
         Raises:
             ParameterError: `seed` or `run` is no such number.
@@ -134,8 +133,8 @@ def underwater(
 ) -> Underwater:
     """Return the reference scenario of the underwater paper: a manoeuvring vessel heard by hydrophones.
 
-    The first three epochs are complete and without gross errors, so that a run can start itself. Runs of the same number
-    have the same noise whatever `gross` and `missing` are.
+    The first three epochs are complete and without gross errors, so that a run can start itself. The same run has the
+    same noise whatever `gross` and `missing` are.
 
     Args:
         array: "bats" (three hydrophones and the depth), "toss" (six hydrophones), or another array in 3 dimensions.
@@ -145,12 +144,12 @@ def underwater(
         depth_std: of the depth of the BATS array, metres.
         dt: seconds between measurements.
         course: of the vessel; None: `Course.reference()`.
-        jerk_std: instead of keeping the course, the target moves as `ConstantAcceleration` has it with this jerk (m/s³),
-            in every run another way, from where the course begins and for as long: the truth that a filter assumes.
+        jerk_std: the target does not keep the course but moves as `ConstantAcceleration` has it with this jerk (m/s³),
+            from where the course begins and for as long, in every run another way: the truth that a filter assumes.
 
     Raises:
-        ParameterError: a probability is not within 0 and 1, a duration not positive, a leg shorter than its ramps, a sink
-            rate not below the speed.
+        ParameterError: a probability is not within 0 and 1, a duration not positive, a leg shorter than its ramps, or a
+            sink rate not below the speed.
         DimensionError: the array is not in 3 dimensions.
 
     Reference:
