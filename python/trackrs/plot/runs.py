@@ -25,7 +25,7 @@ FILTERED_COLOUR, REJECTED_COLOUR, SMOOTHED_COLOUR, RESTART_COLOUR = COLOURS[:4]
 USED_COLOUR = "#D6E4EE"
 SENSOR_COLOUR = "#5A5A5A"
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-CLOCK = 20.0  # about so many parts of the run have their time written at the track
+CLOCK = 8.0  # about so many points of the track have their time written beside them
 
 
 def plot_run(
@@ -62,7 +62,7 @@ def plot_run(
     dims = 3 if run.labels[2:3] == ("z",) else 2
     real = None if truth is None else _positions(truth, run, dims)
     rows = ["depth"] * (dims == 3) + ["error"] * (real is not None) + ["verdicts"] * (len(run.verdicts) > 0)
-    figure = new_figure(layout="constrained", figsize=(11.0 if rows else 6.5, 5.8))
+    figure = new_figure(layout="constrained", figsize=(10.0 if rows else 6.0, 5.4))
     plan, *strips = _panels(figure, rows)
     _draw_plan(plan, run, sensor, real, smoothed)
     for name, ax in zip(rows, strips, strict=True):
@@ -228,12 +228,13 @@ def _draw_plan(
         ax.plot(*places.T, "^", color=SENSOR_COLOUR, markersize=7, label="hydrophone", zorder=2)
         for name, place in zip(sensor.labels, places, strict=False):
             style: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center", "fontsize": 7}
-            ax.annotate(name, (place[0], place[1]), color=SENSOR_COLOUR, **style)
+            ax.annotate(name, (place[0], place[1]), color=SENSOR_COLOUR, zorder=8, path_effects=_halo(), **style)
     if truth is not None:
         ax.plot(*truth[:, :2].T, "--", color=TRUTH_COLOUR, linewidth=1.0, zorder=6, label="truth")
     if smoothed is not None:
-        ax.plot(*smoothed.means[:, :2].T, color=SMOOTHED_COLOUR, linewidth=1.2, zorder=4, label="smoothed")
-    ax.plot(*xy.T, color=FILTERED_COLOUR, linewidth=1.6, zorder=5, label="filtered")
+        path = _broken(smoothed.means[:, :2], run)
+        ax.plot(*path.T, color=SMOOTHED_COLOUR, linewidth=1.2, zorder=4, label="smoothed")
+    ax.plot(*_broken(run.means[:, :2], run).T, color=FILTERED_COLOUR, linewidth=1.6, zorder=5, label="filtered")
     hit = (run.verdicts[known] == Verdict.REJECTED).any(axis=1) if len(run.verdicts) else np.zeros(len(xy), np.bool_)
     if hit.any():
         style = {"color": REJECTED_COLOUR, "markersize": 5, "markeredgewidth": 1.1}
@@ -242,8 +243,8 @@ def _draw_plan(
         style = {"markerfacecolor": "white", "markeredgecolor": RESTART_COLOUR, "markersize": 7, "markeredgewidth": 1.6}
         ax.plot(*run.means[list(run.restarts), :2].T, "D", zorder=8, label="restart", **style)
     span = max(float(np.ptp(np.concatenate(parts), axis=0).max()), 1e-9)
-    # Half of the ellipses shall be at least a fiftieth of the picture long.
-    wanted = 0.01 * span / max(float(np.median(semi_axes(covs)[:, 1])), 1e-12) if len(covs) else 1.0
+    # Half of the ellipses shall be at least a sixtieth of the picture long.
+    wanted = span / 120.0 / max(float(np.median(semi_axes(covs)[:, 1])), 1e-12) if len(covs) else 1.0
     scale = next((m for m in MAGNIFICATIONS if m >= wanted), MAGNIFICATIONS[-1])
     draw_ellipses(ax, xy, covs, FILTERED_COLOUR, spacing=0.045 * span, scale=scale)
     label = "2 sigma" if scale == 1 else f"2 sigma, {scale} times"
@@ -262,7 +263,7 @@ def _draw_clock(ax: Axes, times: FloatArray, xy: FloatArray) -> None:
     """Dots on the track at round times, with the time beside them."""
     if len(times) < 2 or times[-1] == times[0]:
         return
-    rough = (times[-1] - times[0]) / 8.0
+    rough = (times[-1] - times[0]) / CLOCK
     step = min((k * 10.0 ** np.floor(np.log10(rough)) for k in (1, 2, 5, 10)), key=lambda s: abs(s - rough))
     for time in np.arange(np.ceil(times[0] / step) * step, times[-1] + 1e-9 * step, step):
         at = int(np.argmin(np.abs(times - time)))
@@ -271,17 +272,24 @@ def _draw_clock(ax: Axes, times: FloatArray, xy: FloatArray) -> None:
         across = np.array([along[1], -along[0]]) / length if length > 0 else np.array([1.0, 0.0])
         ax.plot(*xy[at], "o", color=TRUTH_COLOUR, markersize=2.8, zorder=7)
         style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 7}
-        ax.annotate(f"{time:g} s", (xy[at, 0], xy[at, 1]), xytext=(17 * across[0], 12 * across[1]), zorder=7, **style)
+        where = (17 * across[0], 12 * across[1])
+        ax.annotate(f"{time:g} s", (xy[at, 0], xy[at, 1]), xytext=where, zorder=8, path_effects=_halo(), **style)
+
+
+def _halo() -> list[Any]:
+    """What keeps text readable on top of lines."""
+    from matplotlib.patheffects import withStroke  # noqa: PLC0415
+
+    return [withStroke(linewidth=2.0, foreground="white")]
 
 
 def _draw_depth(ax: Axes, run: FilterRun, truth: FloatArray | None, smoothed: SmoothedRun | None) -> None:
     std = 2.0 * np.sqrt(run.covs[:, 2, 2])
-    ax.fill_between(
-        run.times, run.means[:, 2] - std, run.means[:, 2] + std, color=FILTERED_COLOUR, alpha=0.25, linewidth=0
-    )
+    times, middle, reach = _broken(np.stack([run.times, run.means[:, 2], std], axis=1), run).T
+    ax.fill_between(times, middle - reach, middle + reach, color=FILTERED_COLOUR, alpha=0.25, linewidth=0)
     if smoothed is not None:
-        ax.plot(run.times, smoothed.means[:, 2], color=SMOOTHED_COLOUR, linewidth=1.0)
-    ax.plot(run.times, run.means[:, 2], color=FILTERED_COLOUR, linewidth=1.2)
+        ax.plot(times, _broken(smoothed.means[:, 2:3], run)[:, 0], color=SMOOTHED_COLOUR, linewidth=1.0)
+    ax.plot(times, middle, color=FILTERED_COLOUR, linewidth=1.2)
     if truth is not None:
         ax.plot(run.times, truth[:, 2], "--", color=TRUTH_COLOUR, linewidth=0.9)
     ax.invert_yaxis()
@@ -289,18 +297,32 @@ def _draw_depth(ax: Axes, run: FilterRun, truth: FloatArray | None, smoothed: Sm
     tidy(ax)
 
 
+def _broken(rows: FloatArray, run: FilterRun) -> FloatArray:
+    """The rows with a gap before every restart, so that no line is drawn across it."""
+    return np.insert(rows, list(run.restarts), np.nan, axis=0)
+
+
 def _draw_error(ax: Axes, run: FilterRun, truth: FloatArray, smoothed: SmoothedRun | None, dims: int) -> None:
     """Distance from the truth, and the rms that the covariance promises."""
     promised = np.sqrt(np.trace(run.covs[:, :dims, :dims], axis1=1, axis2=2))
-    ax.plot(run.times, np.linalg.norm(run.means[:, :dims] - truth, axis=1), color=FILTERED_COLOUR, linewidth=1.0)
+    errors = np.linalg.norm(run.means[:, :dims] - truth, axis=1)
+    ax.plot(run.times, errors, color=FILTERED_COLOUR, linewidth=1.0)
     ax.plot(run.times, promised, ":", color=FILTERED_COLOUR, linewidth=1.4, label="rms that the covariance promises")
     if smoothed is not None:
-        error = np.linalg.norm(smoothed.means[:, :dims] - truth, axis=1)
-        ax.plot(run.times, error, color=SMOOTHED_COLOUR, linewidth=1.0)
-    ax.set_ylim(bottom=0.0)
+        ax.plot(
+            run.times,
+            np.linalg.norm(smoothed.means[:, :dims] - truth, axis=1),
+            color=SMOOTHED_COLOUR,
+            linewidth=1.0,
+        )
+    known = errors[np.isfinite(errors)]
+    if len(known) and known.max() > 30.0 * np.median(known) > 0.0:  # a track once lost would hide everything else
+        ax.set_yscale("log")
+    else:
+        ax.set_ylim(bottom=0.0)
     ax.set_ylabel("error (m)", fontsize=8)
     tidy(ax)
-    ax.legend(loc="upper right", fontsize=7, framealpha=0.9)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.96), fontsize=7, frameon=False)
 
 
 def _draw_verdicts(ax: Axes, run: FilterRun, channels: list[str]) -> None:
