@@ -350,7 +350,7 @@ def _draw_verdicts(ax: Axes, run: FilterRun, channels: list[str]) -> None:
         Patch(color=REJECTED_COLOUR, label="rejected"),
         Patch(facecolor="white", edgecolor="#999999", label="missing"),
     ]
-    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.28), ncols=3, frameon=False, fontsize=8)
+    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.34), ncols=3, frameon=False, fontsize=8)
 
 
 def _draw_restarts(ax: Axes, run: FilterRun) -> None:

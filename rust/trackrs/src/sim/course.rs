@@ -106,11 +106,11 @@ impl Course {
     /// The truth every `dt` seconds from 0 to the end of the last leg.
     pub fn sample(&self, dt: f64) -> Result<Trajectory> {
         self.check()?;
-        let count = sample_count(self.duration(), dt)?;
-        let times: Vec<f64> = (0..count).map(|k| k as f64 * dt).collect();
+        let samples = sample_count(self.duration(), dt)?;
+        let times: Vec<f64> = (0..samples).map(|k| k as f64 * dt).collect();
         let kinks = self.kinks();
         let mut plan = [self.start[0], self.start[1]];
-        let mut states = DMatrix::zeros(count, 9);
+        let mut states = DMatrix::zeros(samples, 9);
         let mut now = 0.0;
         for (k, &time) in times.iter().enumerate() {
             let inside = kinks.iter().copied().filter(|&kink| now < kink && kink < time);
@@ -169,7 +169,7 @@ impl Course {
     fn advance(&self, plan: &mut [f64; 2], from: f64, to: f64) {
         let pieces = libm::ceil((to - from) / PIECE);
         let step = (to - from) / pieces.max(1.0);
-        for piece in 0..pieces as usize {
+        for piece in 0..count(pieces) {
             let begin = from + piece as f64 * step;
             for (at, weight) in QUADRATURE {
                 let velocity = self.at(begin + at * step).velocity;
@@ -253,6 +253,12 @@ impl Ramp {
     }
 }
 
+/// A number that is whole, not negative and far below 2^32.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn count(whole: f64) -> usize {
+    whole as usize
+}
+
 /// How many samples `dt` seconds apart fit into this many seconds, the first at 0.
 pub(super) fn sample_count(duration: f64, dt: f64) -> Result<usize> {
     const MOST: f64 = 1e7;
@@ -260,7 +266,7 @@ pub(super) fn sample_count(duration: f64, dt: f64) -> Result<usize> {
     // A duration that is a multiple of dt keeps its last sample in spite of rounding.
     let steps = libm::floor(duration / dt + 1e-9);
     if steps < MOST {
-        return Ok(steps as usize + 1);
+        return Ok(count(steps) + 1);
     }
     Err(Error::invalid("dt", dt, "gives more than ten million samples"))
 }

@@ -99,9 +99,10 @@ impl Stream {
         }
         let unfair = count.wrapping_neg() % count;
         loop {
-            let product = u128::from(self.bits()) * u128::from(count);
-            if product as u64 >= unfair {
-                return items.get((product >> 64) as usize);
+            let bits = self.bits();
+            if bits.wrapping_mul(count) >= unfair {
+                let index = usize::try_from((u128::from(bits) * u128::from(count)) >> 64);
+                return index.ok().and_then(|index| items.get(index));
             }
         }
     }
@@ -114,7 +115,7 @@ impl Stream {
 
 /// The 32-bit words of a number, least significant first, without leading zeros.
 fn words(value: u64) -> Vec<u32> {
-    let (low, high) = (value as u32, (value >> 32) as u32);
+    let (low, high) = ((value & 0xffff_ffff) as u32, (value >> 32) as u32);
     if high == 0 { vec![low] } else { vec![low, high] }
 }
 
