@@ -165,14 +165,14 @@ def underwater(
         ((161, 6), (161, 9))
     """
     if isinstance(array, str):
-        bats, toss = _trackrs.reference_hydrophones()
-        if array == "bats":
-            array = RangeArray.bats(bats, range_std, depth_std)
-        elif array == "toss":
-            array = RangeArray.toss(toss, range_std)
-        else:
+        places = _trackrs.reference_hydrophones()
+        if array not in places:
             msg = f'array = "{array}" is invalid: must be "bats", "toss" or a RangeArray'
             raise ParameterError(msg)
+        bats = array == "bats"
+        array = (
+            RangeArray.bats(places[array], range_std, depth_std) if bats else RangeArray.toss(places[array], range_std)
+        )
     course = Course.reference() if course is None else course
     items = asdict(course) | {"legs": [astuple(leg) for leg in course.legs]}
     core = _trackrs.Underwater.make(array._core, items, dt, gross, missing, jerk_std)

@@ -51,7 +51,7 @@ def tidy(ax: Axes) -> None:
 
 def semi_axes(covs: FloatArray) -> FloatArray:
     """Return the semi-axes of the 2-sigma ellipses of covariances (k, 2, 2), the shorter first (k, 2)."""
-    return 2.0 * np.sqrt(np.maximum(np.linalg.eigvalsh(covs), 0.0))
+    return np.asarray(2.0 * np.sqrt(np.maximum(np.linalg.eigvalsh(covs), 0.0)), dtype=np.float64)
 
 
 def draw_ellipses(

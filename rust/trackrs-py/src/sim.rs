@@ -116,11 +116,17 @@ pub(crate) fn reference_course() -> CourseItems {
     }
 }
 
-/// The hydrophones of the two reference arrays, BATS and TOSS.
+/// The hydrophones of the reference arrays.
+#[derive(IntoPyObject)]
+pub(crate) struct Hydrophones<'py> {
+    bats: Bound<'py, PyArray2<f64>>,
+    toss: Bound<'py, PyArray2<f64>>,
+}
+
 #[pyfunction]
-pub(crate) fn reference_hydrophones(py: Python<'_>) -> PyResult<(Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<f64>>)> {
-    Ok((
-        array::from_matrix(py, &bats_hydrophones())?,
-        array::from_matrix(py, &toss_hydrophones())?,
-    ))
+pub(crate) fn reference_hydrophones(py: Python<'_>) -> PyResult<Hydrophones<'_>> {
+    Ok(Hydrophones {
+        bats: array::from_matrix(py, &bats_hydrophones())?,
+        toss: array::from_matrix(py, &toss_hydrophones())?,
+    })
 }

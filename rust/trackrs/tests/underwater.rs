@@ -198,12 +198,15 @@ fn reference_table_of_the_tuned_filter() {
 #[test]
 fn truth_drawn_from_the_model_is_consistent_with_it() {
     let array = toss();
-    let mut course = Course::default();
-    course.legs = vec![Leg {
+    let leg = Leg {
         duration: 60.0,
         turn_rate: 0.0,
         sink_rate: 0.0,
-    }];
+    };
+    let course = Course {
+        legs: vec![leg],
+        ..Course::default()
+    };
     let scenario = Underwater::new(UnderwaterSettings {
         array: array.clone(),
         course,
@@ -218,10 +221,10 @@ fn truth_drawn_from_the_model_is_consistent_with_it() {
         SensorModel::RangeArray(array.clone()),
     )
     .unwrap();
-    let runs = 150;
+    let runs: u32 = 150;
     let (mut nees, mut nis) = (0.0, 0.0);
     for run in 0..runs {
-        let recording = scenario.draw(4, run).unwrap();
+        let recording = scenario.draw(4, run.into()).unwrap();
         let out = filter
             .run(&recording.truth.times, &recording.values, None, None, History::Filtered)
             .unwrap();
@@ -229,10 +232,11 @@ fn truth_drawn_from_the_model_is_consistent_with_it() {
         nees += error.dot(&out.filtered[60].cov.clone().cholesky().unwrap().solve(&error));
         nis += out.nis[60];
     }
-    let within = |sum: f64, dof: usize| {
+    let within = |sum: f64, each: usize| {
+        let dof = each * runs as usize;
         let band = [0.0005, 0.9995].map(|p| chi_square::quantile(p, dof).unwrap());
         assert!(band[0] < sum && sum < band[1], "{sum} of {dof} not in {band:?}");
     };
-    within(nees, 9 * runs as usize);
-    within(nis, array.measurement_dim() * runs as usize);
+    within(nees, 9);
+    within(nis, array.measurement_dim());
 }
