@@ -10,7 +10,7 @@
 //! A leg from t₀ to t₁ has the rates g ω and g w with g(t) = min(1, (t − t₀)/ρ, (t₁ − t)/ρ): the ramps lie inside it.
 //! ψ' = g ω,  z' = g w,  (x', y') = √(s² − z'²) (cos ψ, sin ψ).
 //! ψ and z are the integrals in closed form; x and y by Gauss-Legendre quadrature with five points on pieces of at most a
-//! quarter of a second that end where a rate has a kink: right to rounding, whatever the sampling.
+//! quarter of a second that end where a rate has a kink: right to the rounding of their sum, whatever the sampling.
 //! After the last leg the vessel goes straight on.
 //!
 //! Reference: the reference scenario of the underwater paper's spec, section 6. It leaves open where the ramps lie; inside
