@@ -15,6 +15,7 @@ __all__ = [
     "Motion",
     "Sensor",
     "Tracker",
+    "Underwater",
     "__version__",
     "apply_similarity",
     "assign",
@@ -31,6 +32,8 @@ __all__ = [
     "ospa",
     "paper_start",
     "place_array",
+    "reference_course",
+    "reference_hydrophones",
     "smooth",
     "start_state",
     "whiteness",
@@ -218,3 +221,21 @@ def evaluate(
     centres: _Array | None = None,
     region: float | None = None,
 ) -> dict[str, Any]: ...
+
+@final
+class Underwater:
+    @staticmethod
+    def make(
+        array: Sensor,
+        course: Mapping[str, Any],
+        dt: float,
+        gross: float,
+        missing: float,
+        jerk_std: float | None = None,
+    ) -> Underwater: ...
+    def times(self) -> _Array: ...
+    def truth(self) -> _Array: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+def reference_course() -> dict[str, Any]: ...
+def reference_hydrophones() -> dict[str, Any]: ...

@@ -32,14 +32,14 @@ class ChiSquareScreen:
     Example:
         >>> import numpy as np, trackrs as tr
         >>> motion = tr.RandomWalk(dims=2, velocity_psd=0.1)
-        >>> kf = tr.KalmanFilter(motion, tr.PositionSensor(dims=2, std=1.0), screen=tr.ChiSquareScreen(alpha=1e-3))
+        >>> kf = tr.KalmanFilter(motion, tr.PositionSensor(dims=2, std=1.0), screen=tr.ChiSquareScreen())
         >>> start = tr.GaussianState([0.0, 0.0], np.eye(2))
         >>> run = kf.run([1.0, 2.0], [[0.3, -0.2], [0.1, 50.0]], initial=start)
         >>> [[tr.Verdict(v).name for v in row] for row in run.verdicts]
         [['USED', 'USED'], ['USED', 'REJECTED']]
     """
 
-    alpha: float = 1e-3
+    alpha: float = 0.01
     mode: Literal["snoop", "component", "vector"] = "snoop"
     allowance: float | None = None
     restart: bool = True

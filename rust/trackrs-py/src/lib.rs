@@ -10,6 +10,7 @@ mod fusion;
 mod geodesy;
 mod metric;
 mod model;
+mod sim;
 mod smoother;
 mod stats;
 mod tracker;
@@ -32,6 +33,8 @@ mod _trackrs {
     use crate::metric::{cumulative, evaluate, gospa, nees, nis, ospa, whiteness};
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
+    #[pymodule_export]
+    use crate::sim::{Underwater, reference_course, reference_hydrophones};
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]

@@ -213,7 +213,7 @@ impl RangeArray {
 
     /// How many metres of range one unit of the measurement is: 1, or the effective speed for this depth of the target
     /// (that at the hydrophone where it is not known).
-    pub(super) fn metres_per_unit(&self, channel: usize, depth: Option<f64>) -> f64 {
+    pub(crate) fn metres_per_unit(&self, channel: usize, depth: Option<f64>) -> f64 {
         let Some(speed) = &self.settings.sound_speed else {
             return 1.0;
         };
