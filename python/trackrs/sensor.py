@@ -206,7 +206,7 @@ class RangeArray(Sensor):
             "scale": None if scale_std is None else (float(scale_std), float(scale_psd)),
         }
         self._build(hydrophones, range_std, depth_std, sound_speed, side, survey_std, None, extra)
-        kept = bias_std if bias_std is None or isinstance(bias_std, float | int) else tuple(bias)
+        kept = bias_std if bias is None or isinstance(bias_std, float | int) else tuple(bias)
         values = {"bias_std": kept, "scale_std": scale_std, "bias_psd": bias_psd, "scale_psd": scale_psd}
         for name, value in values.items():
             object.__setattr__(self, name, value)
