@@ -1,5 +1,6 @@
 //! Motion models. State order is block order: all positions, then all velocities, then accelerations.
 
+mod augmented;
 mod kinematic;
 mod linear;
 
@@ -9,6 +10,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+pub use augmented::Augmented;
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 pub use linear::LinearMotion;
 
@@ -57,6 +59,8 @@ pub enum MotionModel {
     ConstantAcceleration(ConstantAcceleration),
     /// See [`LinearMotion`].
     Linear(LinearMotion),
+    /// See [`Augmented`].
+    Augmented(Box<Augmented>),
     /// A model from outside the library. It cannot be saved.
     #[serde(skip)]
     Custom(Arc<dyn Motion>),
@@ -69,6 +73,7 @@ impl MotionModel {
             Self::ConstantVelocity(m) => m,
             Self::ConstantAcceleration(m) => m,
             Self::Linear(m) => m,
+            Self::Augmented(m) => m.as_ref(),
             Self::Custom(m) => m.as_ref(),
         }
     }
