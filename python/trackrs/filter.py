@@ -35,7 +35,15 @@ class _SequenceFilter:
             core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.allowance)
         if self.adapt is not None:
             rule = self.adapt
-            core = core.with_adaptation(rule.window, rule.method, rule.first_epoch, rule.q_limits, rule.r_limits)
+            core = core.with_adaptation(
+                rule.window,
+                rule.r_window,
+                rule.method,
+                (rule.q_form, rule.r_form),
+                rule.first_epoch,
+                rule.q_limits,
+                rule.r_limits,
+            )
         object.__setattr__(self, "_core", core)
 
     def predict(self, state: GaussianState, time: float, input: ArrayLike | None = None) -> GaussianState:  # noqa: A002
@@ -149,14 +157,20 @@ class ExtendedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
+        iterations: most linearisations of the sensor per measurement. Above 1 it is the iterated filter: each is at the
+            posterior of the one before (Gauss-Newton), until no component of the state moves by more than 1e-9 of its
+            standard deviation. Innovation, NIS and screening are those of the first.
 
     Raises:
         DimensionError: the sensor does not fit the motion.
+        ParameterError: `iterations` is below 1.
 
     Reference:
-        Bar-Shalom, Li, Kirubarajan (2001), §10.3.
+        Bar-Shalom, Li, Kirubarajan (2001), §10.3; iterated: §10.5.2, and Bell, Cathey (1993), IEEE Trans. AC 38(2).
     """
+
+    iterations: int = 1
 
     def __post_init__(self) -> None:
         """Build the filter."""
-        self._keep(_trackrs.Filter.extended(self.motion._core, self.sensor._core))
+        self._keep(_trackrs.Filter.extended(self.motion._core, self.sensor._core, self.iterations))

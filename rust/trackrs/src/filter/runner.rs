@@ -19,38 +19,54 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::extended::linearise_with_noise;
-use super::kalman::{Prediction, Update};
+use super::extended::{Look, Target};
 use super::noise::{NoiseMemory, ProcessedEpoch};
+use super::prediction::Prediction;
+use super::run::FilterRun;
 use super::screen::{Screened, Verdict};
-use super::sequence::{Filter, FilterRun, History, InitialState, Sequence};
+use super::sequence::{Filter, History, InitialState, Sequence};
 use crate::error::Result;
-use crate::gaussian::Gaussian;
-use crate::model::{Motion, Sensor, sensor};
+use crate::gaussian::{Gaussian, GaussianRef};
+use crate::model::{Motion, Sensor};
 
 /// Epochs in a row with too few used components after which a restart is tried.
 pub const LOCK_OUT: usize = 3;
 
-/// A filter with its state, between two epochs.
+/// A filter with its state, between two epochs. The memory that an epoch works in serves the next one again.
 pub struct Runner<'a> {
     filter: &'a Filter,
     time: f64,
     state: Gaussian,
+    prediction: Prediction,
+    look: Look,
     memory: Option<NoiseMemory>,
+    screened: Option<Screened>,
     allowance: f64,
+    /// The measurement with NaN in place of what was rejected.
+    used: Vec<f64>,
     /// The epochs in a row with too few used components.
     locked: VecDeque<(f64, DVector<f64>)>,
 }
 
-/// What one epoch gives.
-#[derive(Debug, Clone)]
-pub struct EpochResult {
+/// What one epoch gives, until the next one.
+#[derive(Debug, Clone, Copy)]
+pub struct Epoch<'a> {
     /// Before the measurement.
-    pub prediction: Prediction,
-    /// The update; its posterior is the new state, its NIS and innovation are over the used components.
-    pub update: Update,
+    pub prediction: &'a Prediction,
+    /// After it: the new state.
+    pub posterior: GaussianRef<'a>,
+    /// Measured minus predicted, NaN where not observed or rejected; length m.
+    pub innovation: &'a DVector<f64>,
+    /// Its covariance for all m components.
+    pub innovation_cov: &'a DMatrix<f64>,
+    /// Normalised innovation squared of the used components.
+    pub nis: f64,
+    /// Number of used components.
+    pub dof: usize,
+    /// ln N of the used components.
+    pub log_likelihood: f64,
     /// The verdicts, where a screen is set.
-    pub screened: Option<Screened>,
+    pub screened: Option<&'a Screened>,
     /// Whether the posterior is a new start instead of the update's.
     pub restarted: bool,
 }
@@ -62,19 +78,19 @@ impl<'a> Runner<'a> {
         let allowance = filter
             .screen()
             .map_or(0.0, |screen| screen.allowance_for(filter.sensor()));
+        let n = initial.state.dim();
         Ok(Self {
             filter,
             time: initial.time,
             state: initial.state.clone(),
+            prediction: Prediction::new(n),
+            look: Look::new(n, filter.sensor()),
             memory,
+            screened: None,
             allowance,
+            used: Vec::with_capacity(filter.sensor().measurement_dim()),
             locked: VecDeque::with_capacity(LOCK_OUT),
         })
-    }
-
-    /// The noise estimator, where one is set.
-    pub fn memory(&self) -> Option<&NoiseMemory> {
-        self.memory.as_ref()
     }
 
     /// Goes through these rows of a sequence and adds what they give to `run`.
@@ -85,90 +101,110 @@ impl<'a> Runner<'a> {
         history: History,
         run: &mut FilterRun,
     ) -> Result<()> {
+        let (n, m) = (self.state.dim(), self.filter.sensor().measurement_dim());
         for row in rows {
-            let input = data.inputs.map(|inputs| &inputs[row]);
-            let epoch = self.step(data.times[row], &data.measurements[row], input)?;
-            run.push(row, epoch, self.memory(), history);
+            let input = data.inputs.map(|inputs| &inputs[row * n..(row + 1) * n]);
+            let measurement = &data.measurements[row * m..(row + 1) * m];
+            let restarted = self.advance_to(data.times[row], measurement, input)?;
+            run.push(data.first_row + row, &self.epoch(restarted), self.memory.as_ref(), history);
         }
         Ok(())
     }
 
     /// Goes on to a measurement (length m, NaN = not observed) at `time`, not before the last one; `input` (length n) is
     /// added to the predicted state.
-    pub fn step(&mut self, time: f64, measurement: &DVector<f64>, input: Option<&DVector<f64>>) -> Result<EpochResult> {
-        let (motion, sensor_model) = (self.filter.motion(), self.filter.sensor());
-        let dt = time - self.time;
-        let noise_input = self.memory.as_ref().and_then(|_| motion.noise_input(dt));
-        let motion_noise = match (&self.memory, &noise_input) {
-            (Some(memory), Some(entry)) => &entry.gain * memory.q() * entry.gain.transpose(),
-            _ => motion.noise(dt),
-        };
-        let sensor_noise = self
-            .memory
-            .as_ref()
-            .map_or_else(|| sensor_model.noise(), |memory| memory.r().clone());
-        let prediction = Prediction::with_noise(&self.state, motion, dt, input, motion_noise);
-        let linearised = linearise_with_noise(&prediction.state, sensor_model, None, sensor_noise)?;
-        let innovation = sensor::residual(sensor_model, measurement, &linearised.expected);
-        let mut used = measurement.clone();
-        let mut kept = innovation.clone();
-        let mut screened = None;
-        if let Some(screen) = self.filter.screen() {
-            let (cov, jacobian) = (linearised.prediction.cov(), linearised.prediction.jacobian());
-            let outcome = screen.screen(&innovation, cov, jacobian, motion.position_dims(), self.allowance)?;
-            kept = outcome.keep_used(&innovation);
-            used = outcome.keep_used(measurement);
-            screened = Some(outcome);
+    pub fn step(&mut self, time: f64, measurement: &[f64], input: Option<&[f64]>) -> Result<Epoch<'_>> {
+        let restarted = self.advance_to(time, measurement, input)?;
+        Ok(self.epoch(restarted))
+    }
+
+    fn epoch(&self, restarted: bool) -> Epoch<'_> {
+        let correction = &self.look.correction;
+        Epoch {
+            prediction: &self.prediction,
+            posterior: (&self.state).into(),
+            innovation: &self.look.innovation,
+            innovation_cov: self.look.linearised.prediction.cov(),
+            nis: correction.nis,
+            dof: correction.dof,
+            log_likelihood: correction.log_likelihood,
+            screened: self.screened.as_ref(),
+            restarted,
         }
-        let update = linearised.prediction.update(&prediction.state, &kept)?;
-        self.time = time;
-        self.state = update.posterior.clone();
-        let mut result = EpochResult {
-            prediction,
-            update,
-            screened,
-            restarted: false,
+    }
+
+    /// Whether the filter started anew.
+    fn advance_to(&mut self, time: f64, measurement: &[f64], input: Option<&[f64]>) -> Result<bool> {
+        let (motion, sensor) = (self.filter.motion(), self.filter.sensor());
+        let dt = time - self.time;
+        if let Some(memory) = &mut self.memory {
+            let noise = memory.step_noise(motion, dt)?;
+            self.prediction.predict_with(&self.state, motion, dt, input, noise);
+            self.look.set_noise(memory.r().as_slice());
+        } else {
+            self.prediction.predict(&self.state, motion, dt, input);
+        }
+        let target = Target {
+            prior: &self.prediction.state,
+            sensor,
+            measurement,
+            platform: None,
         };
-        if let Some(start) = self.restart(time, measurement, &result)? {
-            result.cut(&start);
+        self.look.expect(&target)?;
+        self.used.clear();
+        self.used.extend_from_slice(measurement);
+        if let Some(screen) = self.filter.screen() {
+            let expected = &self.look.linearised.prediction;
+            let jacobian = DMatrix::from_row_slice(measurement.len(), self.state.dim(), expected.jacobian());
+            let dims = motion.position_dims();
+            let outcome = screen.screen(&self.look.innovation, expected.cov(), &jacobian, dims, self.allowance)?;
+            for (i, verdict) in outcome.verdicts.iter().enumerate() {
+                if *verdict != Verdict::Used {
+                    (self.look.innovation[i], self.used[i]) = (f64::NAN, f64::NAN);
+                }
+            }
+            self.screened = Some(outcome);
+        }
+        self.look.correct(&target, self.filter.iterations())?;
+        self.time = time;
+        std::mem::swap(&mut self.state, &mut self.look.correction.posterior);
+        if let Some(start) = self.restart(time, measurement)? {
+            // The state before the measurement is the start itself, reached from nothing.
+            self.prediction.cut(&start);
             self.state = start;
             if let Some(memory) = &mut self.memory {
-                memory.restart(self.state.clone());
+                memory.restart((&self.state).into());
             }
-        } else if let (Some(memory), Some(entry)) = (&mut self.memory, noise_input) {
+            return Ok(true);
+        }
+        if let Some(memory) = &mut self.memory {
             let epoch = ProcessedEpoch {
-                predicted: result.prediction.state.clone(),
-                filtered: self.state.clone(),
-                transition: result.prediction.transition.clone(),
-                noise: result.prediction.noise.clone(),
-                gain: entry.gain,
-                measurement: used,
+                predicted: (&self.prediction.state).into(),
+                filtered: (&self.state).into(),
+                transition: self.prediction.transition(),
+                noise: self.prediction.noise(),
+                measurement: &self.used,
                 platform: None,
             };
-            memory.push(epoch, sensor_model)?;
+            memory.push(&epoch, sensor)?;
         }
-        Ok(result)
+        Ok(false)
     }
 
     /// A new start, if the filter has locked itself out and the last epochs' own fixes agree (U28).
-    fn restart(&mut self, time: f64, measurement: &DVector<f64>, result: &EpochResult) -> Result<Option<Gaussian>> {
-        let Some(screened) = &result.screened else {
+    fn restart(&mut self, time: f64, measurement: &[f64]) -> Result<Option<Gaussian>> {
+        let Some(screened) = &self.screened else {
             return Ok(None);
         };
         let rejected = screened.verdicts.contains(&Verdict::Rejected);
-        let used = screened
-            .verdicts
-            .iter()
-            .filter(|&&verdict| verdict == Verdict::Used)
-            .count();
-        if used > self.filter.motion().position_dims() || !rejected {
+        if self.look.correction.dof > self.filter.motion().position_dims() || !rejected {
             self.locked.clear();
             return Ok(None);
         }
         if self.locked.len() == LOCK_OUT {
             self.locked.pop_front();
         }
-        self.locked.push_back((time, measurement.clone()));
+        self.locked.push_back((time, DVector::from_column_slice(measurement)));
         if self.locked.len() < LOCK_OUT {
             return Ok(None);
         }
@@ -181,19 +217,5 @@ impl<'a> Runner<'a> {
         };
         self.locked.clear();
         Ok(Some(start.initial.state))
-    }
-}
-
-impl EpochResult {
-    /// Makes the epoch a new start: the state before the measurement is the start itself, reached from nothing.
-    fn cut(&mut self, start: &Gaussian) {
-        let n = start.dim();
-        self.prediction = Prediction {
-            state: start.clone(),
-            transition: DMatrix::zeros(n, n),
-            noise: start.cov.clone(),
-        };
-        self.update.posterior = start.clone();
-        self.restarted = true;
     }
 }

@@ -164,38 +164,42 @@ impl RangeArray {
 
     /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position.
     pub(super) fn row(&self, channel: usize, position: &DVector<f64>) -> Result<Row> {
-        let dims = self.dims();
+        let mut gradient = DVector::zeros(self.dims());
+        Ok(Row {
+            value: self.row_into(channel, position.as_slice(), gradient.as_mut_slice())?,
+            gradient,
+            std: self.std(channel),
+        })
+    }
+
+    /// The expected value of a component; its gradient goes into the leading elements of `row`, which is zero.
+    fn row_into(&self, channel: usize, position: &[f64], row: &mut [f64]) -> Result<f64> {
+        let last = self.dims() - 1;
         if channel == self.channels() {
-            let mut gradient = DVector::zeros(dims);
-            gradient[dims - 1] = 1.0;
-            return Ok(Row {
-                value: position[dims - 1],
-                gradient,
-                std: self.std(channel),
-            });
+            row[last] = 1.0;
+            return Ok(position[last]);
         }
-        let hydrophone = self.hydrophone(channel);
-        let offset = position - &hydrophone;
-        let range = offset.norm();
+        let hydrophone = |axis: usize| self.settings.hydrophones[(channel, axis)];
+        let mut square = 0.0;
+        for (axis, &x) in position.iter().enumerate() {
+            row[axis] = x - hydrophone(axis);
+            square += row[axis] * row[axis];
+        }
+        let range = square.sqrt();
         if range == 0.0 {
             return Err(Error::Unobservable {
                 sensor: "RangeArray".into(),
                 reason: format!("the target stands on the hydrophone of channel {channel}"),
             });
         }
-        let mut gradient = offset / range;
-        let mut value = range;
-        if let Some(speed) = &self.settings.sound_speed {
-            let slowness = speed.slowness(channel, position[dims - 1], hydrophone[dims - 1]);
-            value = range * slowness.mean;
-            gradient *= slowness.mean;
-            gradient[dims - 1] += range * slowness.slope;
-        }
-        Ok(Row {
-            value,
-            gradient,
-            std: self.std(channel),
-        })
+        let Some(speed) = &self.settings.sound_speed else {
+            row[..=last].iter_mut().for_each(|g| *g /= range);
+            return Ok(range);
+        };
+        let slowness = speed.slowness(channel, position[last], hydrophone(last));
+        row[..=last].iter_mut().for_each(|g| *g = *g / range * slowness.mean);
+        row[last] += range * slowness.slope;
+        Ok(range * slowness.mean)
     }
 
     /// Standard deviation of a component, in the unit of the measurement.
@@ -254,6 +258,24 @@ impl Sensor for RangeArray {
             }
         }
         Ok(out)
+    }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        _platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        let (n, dims) = (state.len(), self.dims());
+        if n < dims {
+            return Err(Error::dimension("state", dims, n));
+        }
+        let position = &state.as_slice()[..dims];
+        jacobian.fill(0.0);
+        for (channel, (value, row)) in expected.iter_mut().zip(jacobian.chunks_exact_mut(n)).enumerate() {
+            *value = self.row_into(channel, position, row)?;
+        }
+        Ok(())
     }
     fn noise(&self) -> DMatrix<f64> {
         let m = self.measurement_dim();
