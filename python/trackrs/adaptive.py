@@ -49,11 +49,12 @@ class LimitedMemoryNoise:
     Args:
         window: measurements in the memory, at least 1.
         r_window: the same for the sensor noise; None for as many.
-        method: "em" adds the covariances of the smoothed states; "map" is the paper's, which shrinks the motion noise to
-            its lower limit and loses a manoeuvring target.
+        method: "em" adds the covariances of the smoothed states; "map" is the paper's, which shrinks the motion noise
+            to its lower limit and loses a manoeuvring target.
         q_form: "input" estimates what drives the motion, d x d: the covariance of a noise constant over a step
-            (`accel_std=`, `jerk_std=`) or the spectral density (`accel_psd=`, `jerk_psd=`); of a `LinearMotion` it is Q.
-            "full" estimates the whole covariance of a step, n x n, as the paper prints it; the time steps must be equal.
+            (`accel_std=`, `jerk_std=`) or the spectral density (`accel_psd=`, `jerk_psd=`); of a `LinearMotion`, Q.
+            "full" estimates the whole covariance of a step, n x n, as the paper prints it; the time steps must be
+            equal.
         r_form: "diagonal", each variance averaged over the measurements that used its component, or "full", from the
             measurements that used all components, once there are m of them.
         first_epoch: the estimates are used from this measurement on.

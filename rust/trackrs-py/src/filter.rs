@@ -4,9 +4,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use nalgebra::DVector;
-use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
-};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
 use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod, QForm, RForm};
@@ -133,9 +131,8 @@ impl Filter {
         r_limits: (f64, f64),
     ) -> PyResult<Self> {
         let filter = compute(py, || {
-            let refused = |name: &str, value: &str, requirement: &str| {
-                Err(trackrs::Error::invalid(name, value, requirement))
-            };
+            let refused =
+                |name: &str, value: &str, requirement: &str| Err(trackrs::Error::invalid(name, value, requirement));
             let method = match method {
                 "em" => NoiseMethod::Em,
                 "map" => NoiseMethod::Map,

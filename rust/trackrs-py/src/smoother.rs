@@ -72,7 +72,9 @@ fn fill(py: Python<'_>, stack: &mut Stack, values: &[f64], shape: &[usize], name
         require_size(name, n, size).map_err(|error| to_python(py, &error))?;
     }
     stack.reserve(shape[0]);
-    values.chunks_exact((stack.shape()[0] * n).max(1)).for_each(|one| stack.push(one));
+    values
+        .chunks_exact((stack.shape()[0] * n).max(1))
+        .for_each(|one| stack.push(one));
     Ok(())
 }
 

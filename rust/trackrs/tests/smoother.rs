@@ -4,8 +4,8 @@ use approx::assert_relative_eq;
 use nalgebra::{DMatrix, DVector};
 use rand_pcg::{Pcg64, rand_core::Rng};
 use trackrs::Gaussian;
-use trackrs::filter::runner::Runner;
 use trackrs::filter::run::FilterRun;
+use trackrs::filter::runner::Runner;
 use trackrs::filter::sequence::{Filter, History, InitialState, Sequence};
 use trackrs::filter::smoother::{
     Backward, Epoch, FixedLagSmoother, SmoothedRun, fixed_interval, fixed_lag, limited_memory,
@@ -314,7 +314,10 @@ fn pieces_from_the_end_are_the_whole() {
     back.through(&epochs[..=4]).unwrap();
     assert_eq!(whole, back.finish());
     assert_eq!(fixed_interval(&[]).unwrap(), SmoothedRun::default());
-    assert_eq!(fixed_interval(&epochs[..1]).unwrap().states.last(), Some(run.filtered.at(0)));
+    assert_eq!(
+        fixed_interval(&epochs[..1]).unwrap().states.last(),
+        Some(run.filtered.at(0))
+    );
 }
 
 #[test]

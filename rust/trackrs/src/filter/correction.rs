@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::kalman::{MeasurementPrediction, Update};
 use crate::error::{Error, Result};
 use crate::gaussian::{Gaussian, GaussianRef};
-use crate::linalg::kernel::{self, sized};
+use crate::linalg::kernel::{self, known, sized};
 
 /// Intermediate matrices of an update.
 #[derive(Debug, Clone, Default)]
@@ -38,7 +38,13 @@ struct Posterior<'a> {
 
 impl MeasurementPrediction {
     /// The posterior for a fully observed innovation.
-    pub(super) fn posterior_into(&self, prior: GaussianRef<'_>, innovation: &[f64], scratch: &mut Scratch, out: &mut Gaussian) {
+    pub(super) fn posterior_into(
+        &self,
+        prior: GaussianRef<'_>,
+        innovation: &[f64],
+        scratch: &mut Scratch,
+        out: &mut Gaussian,
+    ) {
         let (n, m) = (self.n, self.m);
         scratch.fit(n, m);
         let out = Posterior {
@@ -47,13 +53,36 @@ impl MeasurementPrediction {
         };
         match m {
             // The common numbers of components as constants too: the loops over them are in the middle of everything.
-            1 => sized!(n => joseph(n, 1, self, prior, innovation, scratch, out)),
-            2 => sized!(n => joseph(n, 2, self, prior, innovation, scratch, out)),
-            3 => sized!(n => joseph(n, 3, self, prior, innovation, scratch, out)),
-            4 => sized!(n => joseph(n, 4, self, prior, innovation, scratch, out)),
-            _ => sized!(n => joseph(n, m, self, prior, innovation, scratch, out)),
+            1 => sized!(joseph_of_one(n, self, prior, innovation, scratch, out)),
+            2 => sized!(joseph_of_two(n, self, prior, innovation, scratch, out)),
+            3 => sized!(joseph_of_three(n, self, prior, innovation, scratch, out)),
+            4 => sized!(joseph_of_four(n, self, prior, innovation, scratch, out)),
+            _ => sized!(joseph_of_many(n, self, prior, innovation, scratch, out)),
         }
     }
+}
+
+macro_rules! joseph_of {
+    ($($name:ident $m:expr;)*) => {
+        $(fn $name<const N: usize>(
+            n: usize,
+            expected: &MeasurementPrediction,
+            prior: GaussianRef<'_>,
+            innovation: &[f64],
+            scratch: &mut Scratch,
+            out: Posterior<'_>,
+        ) {
+            joseph(known::<N>(n), ($m)(expected), expected, prior, innovation, scratch, out);
+        })*
+    };
+}
+
+joseph_of! {
+    joseph_of_one |_| 1;
+    joseph_of_two |_| 2;
+    joseph_of_three |_| 3;
+    joseph_of_four |_| 4;
+    joseph_of_many |expected: &MeasurementPrediction| expected.m;
 }
 
 #[inline(always)]
@@ -66,9 +95,14 @@ fn joseph(
     scratch: &mut Scratch,
     out: Posterior<'_>,
 ) {
-    let (h, hp) = (&expected.jacobian[..m * n], &expected.cross[..m * n]);
+    let hp = &expected.cross[..m * n];
     let Scratch { gain, left, seen, rest } = scratch;
-    let (gain, left, seen, rest) = (&mut gain[..m * n], &mut left[..n * n], &mut seen[..m * n], &mut rest[..m * n]);
+    let (gain, left, seen, rest) = (
+        &mut gain[..m * n],
+        &mut left[..n * n],
+        &mut seen[..m * n],
+        &mut rest[..m * n],
+    );
     let (innovation, lower) = (&innovation[..m], &expected.lower[..m * m]);
     gain.copy_from_slice(hp);
     kernel::solve_lower(m, n, lower, gain);
@@ -77,15 +111,13 @@ fn joseph(
     for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
         kernel::add_scaled(out.mean, r, row);
     }
-    left.copy_from_slice(&prior.cov[..n * n]);
-    kernel::subtract_transposed_product(n, hp, gain, left);
-    kernel::multiply_sparse(n, n, h, left, seen);
+    kernel::add_transposed_product(n, prior.cov, -1.0, hp, gain, left);
+    expected.sparse.multiply(n, left, seen);
     kernel::multiply_sparse(m, n, &expected.noise, gain, rest);
     for (x, y) in rest.iter_mut().zip(seen.iter()) {
         *x -= y;
     }
-    out.cov.copy_from_slice(left);
-    kernel::add_transposed_product(n, gain, rest, out.cov);
+    kernel::add_transposed_product(n, left, 1.0, gain, rest, out.cov);
     kernel::symmetrise(n, out.cov);
 }
 

@@ -153,7 +153,11 @@ impl Look {
             self.again.prediction.prepare(prior.cov.as_slice())?;
             residual_into(target, self.again.expected.as_slice(), &mut self.pseudo);
             let n = prior.dim();
-            for (r, h) in self.pseudo.iter_mut().zip(self.again.prediction.jacobian.chunks_exact(n.max(1))) {
+            for (r, h) in self
+                .pseudo
+                .iter_mut()
+                .zip(self.again.prediction.jacobian.chunks_exact(n.max(1)))
+            {
                 *r -= kernel::dot(h, prior.mean.as_slice()) - kernel::dot(h, self.point.as_slice());
             }
             self.correction

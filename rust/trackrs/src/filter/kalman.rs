@@ -27,7 +27,7 @@ use super::correction::{Correction, Scratch};
 use super::prediction::Prediction;
 use crate::error::{Error, Result, require_size};
 use crate::gaussian::Gaussian;
-use crate::linalg::kernel::{self, sized};
+use crate::linalg::kernel::{self, BadPivot, Sparse, known, sized};
 use crate::model::Motion;
 
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
@@ -71,6 +71,8 @@ pub struct MeasurementPrediction {
     pub(super) n: usize,
     pub(super) m: usize,
     pub(super) jacobian: Vec<f64>,
+    /// H again, without its zeros.
+    pub(super) sparse: Sparse,
     pub(super) noise: Vec<f64>,
     /// H P, m×n.
     pub(super) cross: Vec<f64>,
@@ -98,6 +100,7 @@ impl MeasurementPrediction {
             n,
             m,
             jacobian: vec![0.0; m * n],
+            sparse: Sparse::default(),
             noise: vec![0.0; m * m],
             cross: vec![0.0; m * n],
             cov: DMatrix::zeros(m, m),
@@ -119,14 +122,14 @@ impl MeasurementPrediction {
     /// S and its factor for a state of covariance P and the H and R that are set.
     pub(super) fn prepare(&mut self, cov: &[f64]) -> Result<()> {
         let (n, m) = (self.n, self.m);
-        let (h, hp) = (&self.jacobian, &mut self.cross);
-        sized!(n => kernel::multiply_sparse(n, n, h, cov, hp));
+        self.sparse.set(n, &self.jacobian);
+        sized!(cross(n, &self.sparse, cov, &mut self.cross));
         let s = self.cov.as_mut_slice();
-        for a in 0..m {
+        for (a, seen) in self.cross.chunks_exact(n.max(1)).enumerate() {
             for b in 0..=a {
-                let sum = kernel::dot(&h[b * n..(b + 1) * n], &hp[a * n..(a + 1) * n]);
-                s[a * m + b] = sum + 0.5 * (self.noise[a * m + b] + self.noise[b * m + a]);
-                s[b * m + a] = s[a * m + b];
+                let noise = 0.5 * (self.noise[a * m + b] + self.noise[b * m + a]);
+                let sum = self.sparse.row_dot(b, seen) + noise;
+                (s[a * m + b], s[b * m + a]) = (sum, sum);
             }
         }
         self.factorise()
@@ -135,7 +138,7 @@ impl MeasurementPrediction {
     fn factorise(&mut self) -> Result<()> {
         let m = self.m;
         self.lower.copy_from_slice(self.cov.as_slice());
-        let factored = sized!(m => kernel::cholesky(m, &mut self.lower));
+        let factored = sized!(factor(m, &mut self.lower));
         factored.map_err(|pivot| Error::NotPositiveDefinite {
             what: "innovation covariance".into(),
             pivot: pivot.index,
@@ -201,6 +204,7 @@ impl MeasurementPrediction {
                 part.cov[(a, b)] = self.cov[(i, j)];
             }
         }
+        part.sparse.set(n, &part.jacobian);
         part.factorise()
     }
 
@@ -221,3 +225,12 @@ impl MeasurementPrediction {
     }
 }
 
+/// H P, m×n.
+fn cross<const N: usize>(n: usize, h: &Sparse, cov: &[f64], out: &mut [f64]) {
+    let n = known::<N>(n);
+    h.multiply(n, cov, out);
+}
+
+fn factor<const N: usize>(m: usize, s: &mut [f64]) -> std::result::Result<(), BadPivot> {
+    kernel::cholesky(known::<N>(m), s)
+}

@@ -17,7 +17,7 @@
 
 use crate::error::{Error, Result};
 use crate::gaussian::GaussianRef;
-use crate::linalg::kernel::{self, BadPivot, sized};
+use crate::linalg::kernel::{self, BadPivot, known, sized};
 
 /// The step that leads to an epoch.
 #[derive(Debug, Clone, Copy)]
@@ -94,23 +94,22 @@ impl Link {
         self.predicted.copy_from_slice(step.predicted.mean);
         let moves = !identity(n, step.transition) || step.noise.iter().any(|&q| q != 0.0);
         if moves {
-            sized!(n => factor(n, step.predicted.cov, &mut scratch.lower))
-                .map_err(|pivot| singular(pivot, step.number))?;
+            sized!(factor(n, step.predicted.cov, &mut scratch.lower)).map_err(|pivot| singular(pivot, step.number))?;
         }
-        sized!(n => fill(n, self, before.cov, step, moves, scratch));
+        sized!(fill(n, self, before.cov, step, moves, scratch));
         Ok(moves)
     }
 
     /// The estimate of the earlier epoch, from that of the later one.
     pub(super) fn back(&self, later: GaussianRef<'_>, scratch: &mut LinkScratch, mean: &mut [f64], cov: &mut [f64]) {
         let n = self.n;
-        sized!(n => back(n, self, later, scratch, mean, cov));
+        sized!(back(n, self, later, scratch, mean, cov));
     }
 
     /// cov(x_i, x_{i−1}) from the covariance of the later epoch, n×n row by row.
     pub(super) fn lag_one(&self, later_cov: &[f64], out: &mut [f64]) {
         let n = self.n;
-        sized!(n => kernel::multiply(n, n, later_cov, &self.gain_transposed, out));
+        kernel::multiply(n, n, later_cov, &self.gain_transposed, out);
     }
 }
 
@@ -129,8 +128,8 @@ fn singular(pivot: BadPivot, step: usize) -> Error {
 
 /// The factor of P⁻. A pivot within rounding of zero is refused too: the gain would be noise, and whether a singular
 /// matrix leaves +1e-17 or −1e-17 there is chance.
-#[inline(always)]
-fn factor(n: usize, cov: &[f64], lower: &mut [f64]) -> std::result::Result<(), BadPivot> {
+fn factor<const N: usize>(n: usize, cov: &[f64], lower: &mut [f64]) -> std::result::Result<(), BadPivot> {
+    let n = known::<N>(n);
     lower.copy_from_slice(cov);
     kernel::cholesky(n, lower)?;
     for i in 0..n {
@@ -142,8 +141,15 @@ fn factor(n: usize, cov: &[f64], lower: &mut [f64]) -> std::result::Result<(), B
     Ok(())
 }
 
-#[inline(always)]
-fn fill(n: usize, link: &mut Link, cov: &[f64], step: &Step<'_>, moves: bool, scratch: &mut LinkScratch) {
+fn fill<const N: usize>(
+    n: usize,
+    link: &mut Link,
+    cov: &[f64],
+    step: &Step<'_>,
+    moves: bool,
+    scratch: &mut LinkScratch,
+) {
+    let n = known::<N>(n);
     let (f, q) = (step.transition, step.noise);
     let (gain, gain_transposed, rest) = (&mut link.gain, &mut link.gain_transposed, &mut link.rest);
     let LinkScratch {
@@ -178,8 +184,15 @@ fn fill(n: usize, link: &mut Link, cov: &[f64], step: &Step<'_>, moves: bool, sc
     kernel::mirror(n, rest);
 }
 
-#[inline(always)]
-fn back(n: usize, link: &Link, later: GaussianRef<'_>, scratch: &mut LinkScratch, mean: &mut [f64], cov: &mut [f64]) {
+fn back<const N: usize>(
+    n: usize,
+    link: &Link,
+    later: GaussianRef<'_>,
+    scratch: &mut LinkScratch,
+    mean: &mut [f64],
+    cov: &mut [f64],
+) {
+    let n = known::<N>(n);
     let LinkScratch { first, offset, .. } = scratch;
     for ((d, x), predicted) in offset.iter_mut().zip(later.mean).zip(&link.predicted) {
         *d = x - predicted;

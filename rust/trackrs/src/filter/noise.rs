@@ -296,7 +296,11 @@ impl NoiseMemory {
                 entry.repeat = input.repeat;
             }
             (QForm::Input, None) => {
-                return Err(Error::invalid("adapt", "given", "needs a motion that says how its noise enters"));
+                return Err(Error::invalid(
+                    "adapt",
+                    "given",
+                    "needs a motion that says how its noise enters",
+                ));
             }
             (QForm::Full, _) => {
                 entry.gain.resize(n * n, 0.0);
@@ -337,7 +341,8 @@ impl NoiseMemory {
         self.epochs.push_back(remembered);
         self.last.mean.as_mut_slice().copy_from_slice(epoch.filtered.mean);
         self.last.cov.as_mut_slice().copy_from_slice(epoch.filtered.cov);
-        self.walk.back(&self.rule, &self.epochs, epoch.filtered, sensor, &mut self.sums)?;
+        self.walk
+            .back(&self.rule, &self.epochs, epoch.filtered, sensor, &mut self.sums)?;
         self.sums.finish(&self.q);
         if self.processed < self.rule.first_epoch {
             return Ok(());

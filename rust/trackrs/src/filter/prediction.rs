@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::kalman::copy_rows;
 use crate::gaussian::Gaussian;
-use crate::linalg::kernel::{self, Sparse, sized};
+use crate::linalg::kernel::{self, Sparse, known, sized};
 use crate::model::Motion;
 
 /// A prediction and the matrices that made it, which a smoother needs again. Its memory serves one epoch after another.
@@ -97,13 +97,22 @@ impl Prediction {
         }
         let (mean, cov) = (self.state.mean.as_mut_slice(), self.state.cov.as_mut_slice());
         if linear {
-            self.sparse.multiply(1, prior.mean.as_slice(), mean);
+            for (i, x) in mean.iter_mut().enumerate() {
+                *x = self.sparse.row_dot(i, prior.mean.as_slice());
+            }
         }
         if let Some(input) = input {
             kernel::add_scaled(mean, 1.0, input);
         }
         let work = [&mut self.product[..], &mut self.transposed[..]];
-        sized!(n => predict_cov(n, &self.sparse, &self.noise, prior.cov.as_slice(), work, cov));
+        sized!(predict_cov(
+            n,
+            &self.sparse,
+            &self.noise,
+            prior.cov.as_slice(),
+            work,
+            cov
+        ));
     }
 
     /// Makes this the prediction of a state that was reached from nothing: F = 0, Q = P.
@@ -116,12 +125,18 @@ impl Prediction {
 }
 
 /// P⁻ = F P Fᵀ + Q as F (F P)ᵀ + Q, the lower half computed and mirrored.
-#[inline(always)]
-fn predict_cov(n: usize, f: &Sparse, noise: &[f64], cov: &[f64], work: [&mut [f64]; 2], out: &mut [f64]) {
+fn predict_cov<const N: usize>(
+    n: usize,
+    f: &Sparse,
+    noise: &[f64],
+    cov: &[f64],
+    work: [&mut [f64]; 2],
+    out: &mut [f64],
+) {
+    let n = known::<N>(n);
     let [product, transposed] = work;
     f.multiply(n, cov, product);
     kernel::transpose(n, product, transposed);
-    out.copy_from_slice(noise);
-    f.add_product_lower(n, transposed, out);
+    f.multiply_add(n, transposed, noise, out);
     kernel::mirror(n, out);
 }

@@ -93,6 +93,11 @@ impl<'a> Runner<'a> {
         })
     }
 
+    /// The noise estimator, where one is set.
+    pub fn memory(&self) -> Option<&NoiseMemory> {
+        self.memory.as_ref()
+    }
+
     /// Goes through these rows of a sequence and adds what they give to `run`.
     pub fn advance(
         &mut self,
@@ -106,7 +111,12 @@ impl<'a> Runner<'a> {
             let input = data.inputs.map(|inputs| &inputs[row * n..(row + 1) * n]);
             let measurement = &data.measurements[row * m..(row + 1) * m];
             let restarted = self.advance_to(data.times[row], measurement, input)?;
-            run.push(data.first_row + row, &self.epoch(restarted), self.memory.as_ref(), history);
+            run.push(
+                data.first_row + row,
+                &self.epoch(restarted),
+                self.memory.as_ref(),
+                history,
+            );
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use super::link::{Link, LinkScratch, Step};
 use super::noise::{Entry, LimitedMemoryNoise, NoiseEstimate, NoiseMethod, ProcessedEpoch};
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
-use crate::linalg::kernel::{self, sized};
+use crate::linalg::kernel::{self, known, sized};
 use crate::model::{Sensor, sensor};
 
 /// What is kept of an epoch.
@@ -89,7 +89,10 @@ impl Remembered {
         for i in 0..size {
             for j in 0..size {
                 let own = if i / d == j / d { q[(i % d, j % d)] } else { 0.0 };
-                let known = kernel::dot(&self.projection[i * n..(i + 1) * n], &self.projection[j * n..(j + 1) * n]);
+                let known = kernel::dot(
+                    &self.projection[i * n..(i + 1) * n],
+                    &self.projection[j * n..(j + 1) * n],
+                );
                 self.remainder[i * size + j] = own - known;
             }
         }
@@ -174,6 +177,16 @@ impl Sums {
     }
 }
 
+fn product<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    let n = known::<N>(n);
+    kernel::multiply(n, n, a, b, out);
+}
+
+fn sparse_product<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    let n = known::<N>(n);
+    kernel::multiply_sparse(n, n, a, b, out);
+}
+
 /// Where the way back works.
 #[derive(Debug, Clone)]
 pub(super) struct Walk {
@@ -244,7 +257,12 @@ impl Walk {
         let (n, d) = (self.now.dim(), sums.q.nrows());
         let z = &epoch.projection[..];
         let size = z.len() / n;
-        for ((o, x), predicted) in self.offset.iter_mut().zip(self.now.mean.iter()).zip(epoch.link.predicted()) {
+        for ((o, x), predicted) in self
+            .offset
+            .iter_mut()
+            .zip(self.now.mean.iter())
+            .zip(epoch.link.predicted())
+        {
             *o = x - predicted;
         }
         self.noise.clear();
@@ -254,7 +272,7 @@ impl Walk {
         if em {
             self.spread.resize(size * n, 0.0);
             let (cov, spread) = (self.now.cov.as_slice(), &mut self.spread);
-            sized!(n => kernel::multiply(n, n, z, cov, spread));
+            sized!(product(n, z, cov, spread));
         }
         let share = 1.0 / epoch.repeat as f64;
         let q = sums.q.as_mut_slice();
@@ -298,7 +316,7 @@ impl Walk {
         let em = method == NoiseMethod::Em;
         if em {
             let (a, cov, seen) = (&self.jacobian, self.now.cov.as_slice(), &mut self.seen);
-            sized!(n => kernel::multiply_sparse(n, n, a, cov, seen));
+            sized!(sparse_product(n, a, cov, seen));
         }
         let all = e.iter().all(|e| !e.is_nan());
         sums.complete += if all { 1.0 } else { 0.0 };

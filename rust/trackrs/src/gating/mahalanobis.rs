@@ -112,10 +112,7 @@ pub fn gate(
     })
 }
 
-fn whiten(
-    prediction: &MeasurementPrediction,
-    innovation: &DVector<f64>,
-) -> Result<WhitenedInnovation> {
+fn whiten(prediction: &MeasurementPrediction, innovation: &DVector<f64>) -> Result<WhitenedInnovation> {
     if innovation.iter().all(|r| !r.is_nan()) {
         return Ok(prediction.whiten(innovation));
     }

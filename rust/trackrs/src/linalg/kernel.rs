@@ -2,26 +2,33 @@
 //!
 //! Matrices are row-major. Each product adds multiples of rows of length n to a row, so that the innermost loop runs over
 //! contiguous numbers and no sum is reordered: the results are the same bits on every CPU and for every way the loops are
-//! compiled. [`sized!`] calls such a kernel with n as a constant for the sizes that states commonly have. It is the same
-//! source, so the results are equal bit for bit; the constant lets the compiler unroll the inner loops.
+//! compiled. [`sized!`] calls what is made of them with n as a constant for the sizes that states commonly have. It is the
+//! same source, so the results are equal bit for bit; the constant lets the compiler unroll the inner loops.
 //!
 //! Cholesky row by row: L_ij = (A_ij − Σ_k L_ik L_jk) / L_jj,  L_jj = sqrt(A_jj − Σ_k L_jk²).
 //! Reference: Golub, Van Loan (2013), Matrix Computations, §4.2.
 
-/// Evaluates `$call` with `$n` replaced by a constant of the same value where it is a common size.
+/// Calls a kernel `fn name<const N: usize>(n: usize, ...)` with N the first argument where that is a common size, else 0.
+/// The kernel begins with `let n = known::<N>(n);`.
 macro_rules! sized {
-    ($n:ident => $call:expr) => {
+    ($kernel:ident($n:expr $(, $argument:expr)* $(,)?)) => {
         match $n {
-            2 => { let $n = 2; $call }
-            3 => { let $n = 3; $call }
-            4 => { let $n = 4; $call }
-            6 => { let $n = 6; $call }
-            9 => { let $n = 9; $call }
-            _ => $call,
+            2 => $kernel::<2>(2 $(, $argument)*),
+            3 => $kernel::<3>(3 $(, $argument)*),
+            4 => $kernel::<4>(4 $(, $argument)*),
+            6 => $kernel::<6>(6 $(, $argument)*),
+            9 => $kernel::<9>(9 $(, $argument)*),
+            n => $kernel::<0>(n $(, $argument)*),
         }
     };
 }
 pub(crate) use sized;
+
+/// The size that a kernel was compiled for, or the one it is called with.
+#[inline(always)]
+pub(crate) fn known<const N: usize>(n: usize) -> usize {
+    if N == 0 { n } else { N }
+}
 
 /// `row` += `factor` × `other`, two at a time: written so, it becomes vector instructions wherever it is unrolled.
 #[inline(always)]
@@ -79,22 +86,14 @@ pub(crate) fn add_product_lower(k: usize, n: usize, a: &[f64], b: &[f64], out: &
     }
 }
 
-/// Adds Aᵀ B to `out` (n×n), A and B being k×n.
+/// `out` = C + `sign` × Aᵀ B (n×n), A and B being k×n. One row after the other stays where it is quickly reached.
 #[inline(always)]
-pub(crate) fn add_transposed_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
-    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
+pub(crate) fn add_transposed_product(n: usize, c: &[f64], sign: f64, a: &[f64], b: &[f64], out: &mut [f64]) {
+    let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
+    for (i, (row, start)) in rows.enumerate() {
+        row.copy_from_slice(start);
         for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
-            add_scaled(row, left[i], right);
-        }
-    }
-}
-
-/// Subtracts Aᵀ B from `out` (n×n), A and B being k×n.
-#[inline(always)]
-pub(crate) fn subtract_transposed_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
-    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
-        for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
-            add_scaled(row, -left[i], right);
+            add_scaled(row, sign * left[i], right);
         }
     }
 }
@@ -133,17 +132,26 @@ impl Sparse {
         }
     }
 
-    /// Adds the lower half of A B to that of `out` (n×n).
+    /// `out` = A B + C, B and C with rows of length n.
     #[inline(always)]
-    pub(crate) fn add_product_lower(&self, n: usize, b: &[f64], out: &mut [f64]) {
+    pub(crate) fn multiply_add(&self, n: usize, b: &[f64], c: &[f64], out: &mut [f64]) {
         let mut from = 0;
-        for (i, (row, &to)) in out.chunks_exact_mut(n.max(1)).zip(&self.ends).enumerate() {
-            let row = &mut row[..=i];
+        let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
+        for ((row, start), &to) in rows.zip(&self.ends) {
+            row.copy_from_slice(start);
             for &(k, factor) in &self.entries[from..to] {
-                add_part(row, factor, &b[k * n..(k + 1) * n]);
+                add_scaled(row, factor, &b[k * n..(k + 1) * n]);
             }
             from = to;
         }
+    }
+
+    /// Row `index` of A times a vector.
+    #[inline(always)]
+    pub(crate) fn row_dot(&self, index: usize, vector: &[f64]) -> f64 {
+        let from = if index == 0 { 0 } else { self.ends[index - 1] };
+        let entries = &self.entries[from..self.ends[index]];
+        entries.iter().fold(0.0, |sum, &(k, value)| sum + value * vector[k])
     }
 }
 
@@ -264,6 +272,11 @@ pub(crate) fn log_determinant(n: usize, l: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
+    fn square<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+        let n = known::<N>(n);
+        multiply(n, n, a, b, out);
+    }
+
     fn numbers(count: usize) -> Vec<f64> {
         (0..count).map(|i| ((i * 7 + 3) % 11) as f64 - 4.7).collect()
     }
@@ -273,9 +286,8 @@ mod tests {
         for size in [2, 3, 4, 5, 6, 9, 11] {
             let (a, b) = (numbers(size * size), numbers(2 * size * size));
             let (mut constant, mut any) = (vec![0.0; size * size], vec![0.0; size * size]);
-            let n = size;
-            sized!(n => multiply(n, n, &a, &b[size..], &mut constant));
-            multiply(size, size, &a, &b[size..], &mut any);
+            sized!(square(size, &a, &b[size..], &mut constant));
+            square::<0>(size, &a, &b[size..], &mut any);
             assert_eq!(constant, any);
             multiply_sparse(size, size, &a, &b[size..], &mut constant);
             assert_eq!(constant, any);

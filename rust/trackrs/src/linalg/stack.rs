@@ -71,8 +71,7 @@ impl Stack {
 
     /// Adds one whose numbers are all `value`, `count` times.
     pub fn fill(&mut self, value: f64, count: usize) {
-        self.values
-            .resize(self.values.len() + count * self.size(), value);
+        self.values.resize(self.values.len() + count * self.size(), value);
     }
 
     /// Forgets all.

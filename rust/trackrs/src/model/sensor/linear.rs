@@ -52,7 +52,11 @@ impl Sensor for LinearSensor {
         expected: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<()> {
-        for (i, (value, row)) in expected.iter_mut().zip(jacobian.chunks_exact_mut(state.len().max(1))).enumerate() {
+        for (i, (value, row)) in expected
+            .iter_mut()
+            .zip(jacobian.chunks_exact_mut(state.len().max(1)))
+            .enumerate()
+        {
             *value = 0.0;
             for (j, x) in row.iter_mut().enumerate() {
                 *x = self.matrix[(i, j)];
