@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import geodesy
+    from trackrs import geodesy, scenarios
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         UnknownSensorError,
         UnobservableError,
     )
-    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter
+    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter, start_state
+    from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate
     from trackrs.metric import (
         GOSPA,
@@ -42,11 +43,13 @@ if TYPE_CHECKING:
         nis,
         ospa,
         rmse,
+        whiteness,
     )
     from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
     from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
+        ChiSquareTests,
         Event,
         FilterRun,
         Fix,
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
         Tracks,
         Update,
         Verdict,
+        Whiteness,
     )
 
 __all__ = [
@@ -66,6 +70,7 @@ __all__ = [
     "Assignment",
     "BusyError",
     "ChiSquareScreen",
+    "ChiSquareTests",
     "ClutterMap",
     "ConstantAcceleration",
     "ConstantVelocity",
@@ -112,8 +117,10 @@ __all__ = [
     "UnobservableError",
     "Update",
     "Verdict",
+    "Whiteness",
     "__version__",
     "assign",
+    "covariance_intersection",
     "evaluate",
     "geodesy",
     "gospa",
@@ -121,12 +128,27 @@ __all__ = [
     "nis",
     "ospa",
     "rmse",
+    "scenarios",
+    "start_state",
+    "whiteness",
 ]
 
-_MODULES = ("geodesy",)
+_MODULES = ("geodesy", "scenarios")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
-_HOMES = ("adaptive", "association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
+_HOMES = (
+    "adaptive",
+    "association",
+    "errors",
+    "filter",
+    "fusion",
+    "gating",
+    "metric",
+    "motion",
+    "sensor",
+    "tracker",
+    "types",
+)
 
 
 def __getattr__(name: str) -> object:

@@ -15,19 +15,28 @@ __all__ = [
     "Motion",
     "Sensor",
     "Tracker",
+    "Underwater",
     "__version__",
     "apply_similarity",
     "assign",
     "chi_square_quantile",
+    "covariance_intersection",
+    "cumulative",
     "ecef_to_geodetic",
     "evaluate",
     "fit_similarity",
     "geodetic_to_ecef",
     "gospa",
     "nees",
+    "nis",
     "ospa",
+    "paper_start",
     "place_array",
+    "reference_course",
+    "reference_hydrophones",
     "smooth",
+    "start_state",
+    "whiteness",
 ]
 
 __version__: str
@@ -64,7 +73,10 @@ class Sensor:
         profile: tuple[Sequence[float], Sequence[float]] | None = None,
         side: str | None = None,
         preset: str | None = None,
+        survey_std: Sequence[float] | None = None,
     ) -> Sensor: ...
+    @staticmethod
+    def stack(arrays: Sequence[Sensor]) -> dict[str, Any]: ...
     def fix(self, value: _Array, side: str | None = None) -> dict[str, Any]: ...
     @staticmethod
     def linear(matrix: _Array, noise: _Array, offset: _Array) -> Sensor: ...
@@ -81,7 +93,7 @@ class Filter:
     def kalman(motion: Motion, sensor: Sensor) -> Filter: ...
     @staticmethod
     def extended(motion: Motion, sensor: Sensor, iterations: int) -> Filter: ...
-    def with_screen(self, alpha: float, mode: str, allowance: float | None = None) -> Filter: ...
+    def with_screen(self, alpha: float, mode: str, restart: bool, allowance: float | None = None) -> Filter: ...
     def with_adaptation(
         self,
         window: int,
@@ -163,11 +175,36 @@ def place_array(
     stds: _Array,
     origin: tuple[float, float, float],
 ) -> dict[str, Any]: ...
+def covariance_intersection(
+    states: Sequence[tuple[_Array, _Array]],
+    criterion: str,
+    weights: _Array | None = None,
+) -> tuple[_Array, _Array]: ...
+def start_state(
+    times: _Array,
+    fixes: Sequence[tuple[_Array, _Array]],
+    order: int,
+    motion: Motion | None = None,
+) -> tuple[_Array, _Array]: ...
+def paper_start(
+    times: _Array,
+    fixes: Sequence[tuple[_Array, _Array]],
+    velocity_std: float,
+    accel_std: float,
+) -> tuple[_Array, _Array]: ...
 def assign(costs: _Array) -> tuple[NDArray[np.int64], float]: ...
 def chi_square_quantile(probability: float, dof: int) -> float: ...
 def ospa(x: _Array, y: _Array, cutoff: float, order: float) -> dict[str, float]: ...
 def gospa(truth: _Array, estimates: _Array, cutoff: float, order: float, alpha: float) -> dict[str, Any]: ...
-def nees(errors: _Array, covs: _Array) -> _Array: ...
+def nees(errors: _Array, covs: _Array) -> dict[str, Any]: ...
+def nis(innovations: _Array, covs: _Array) -> dict[str, Any]: ...
+def cumulative(
+    statistics: _Array,
+    dof: NDArray[np.int64],
+    restarts: Sequence[int],
+    window: int | None = None,
+) -> dict[str, Any]: ...
+def whiteness(innovations: _Array, covs: _Array, lags: int) -> dict[str, Any]: ...
 def evaluate(
     truth: Sequence[tuple[str, _Array, _Array]],
     times: _Array,
@@ -181,3 +218,21 @@ def evaluate(
     centres: _Array | None = None,
     region: float | None = None,
 ) -> dict[str, Any]: ...
+
+@final
+class Underwater:
+    @staticmethod
+    def make(
+        array: Sensor,
+        course: Mapping[str, Any],
+        dt: float,
+        gross: float,
+        missing: float,
+        jerk_std: float | None = None,
+    ) -> Underwater: ...
+    def times(self) -> _Array: ...
+    def truth(self) -> _Array: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+def reference_course() -> dict[str, Any]: ...
+def reference_hydrophones() -> dict[str, Any]: ...

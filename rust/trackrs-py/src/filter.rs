@@ -95,8 +95,15 @@ impl Filter {
     }
 
     /// The same filter with a screen for gross errors.
-    #[pyo3(signature = (alpha, mode, allowance=None))]
-    fn with_screen(&self, py: Python<'_>, alpha: f64, mode: &str, allowance: Option<f64>) -> PyResult<Self> {
+    #[pyo3(signature = (alpha, mode, restart, allowance=None))]
+    fn with_screen(
+        &self,
+        py: Python<'_>,
+        alpha: f64,
+        mode: &str,
+        restart: bool,
+        allowance: Option<f64>,
+    ) -> PyResult<Self> {
         let screen = compute(py, || {
             let mode = match mode {
                 "vector" => ScreenMode::Vector,
@@ -110,7 +117,8 @@ impl Filter {
                     ));
                 }
             };
-            ChiSquareScreen::new(alpha, mode, allowance)
+            let screen = ChiSquareScreen::new(alpha, mode, allowance)?;
+            Ok(if restart { screen } else { screen.without_restart() })
         })?;
         Ok(Self {
             filter: self.filter.clone().with_screen(screen),

@@ -104,6 +104,17 @@ pub(crate) struct Fix<'py> {
     mirror: Option<Bound<'py, PyArray1<f64>>>,
 }
 
+/// What a stacked array is made of; `speeds` is none for ranges and for a profile, which is that of every array.
+#[derive(IntoPyObject)]
+pub(crate) struct Stacked<'py> {
+    hydrophones: Bound<'py, PyArray2<f64>>,
+    range_std: Vec<f64>,
+    survey_std: Vec<f64>,
+    depth_std: Option<f64>,
+    speeds: Option<Vec<f64>>,
+    side: Option<&'static str>,
+}
+
 fn side(name: Option<&str>) -> Result<Option<Side>> {
     match name {
         None => Ok(None),
@@ -127,7 +138,7 @@ fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) 
 impl Sensor {
     #[allow(clippy::too_many_arguments)]
     #[staticmethod]
-    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None))]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None))]
     fn range_array(
         py: Python<'_>,
         hydrophones: PyReadonlyArray2<'_, f64>,
@@ -137,12 +148,14 @@ impl Sensor {
         profile: Option<(Vec<f64>, Vec<f64>)>,
         side: Option<&str>,
         preset: Option<&str>,
+        survey_std: Option<Vec<f64>>,
     ) -> PyResult<Self> {
         let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
         let model = compute(py, || {
             let array = RangeArray::new(RangeArraySettings {
                 hydrophones,
                 range_std,
+                survey_std: survey_std.unwrap_or_default(),
                 depth_std,
                 sound_speed: sound_speed(speeds, profile)?,
                 side: self::side(side)?,
@@ -155,6 +168,40 @@ impl Sensor {
         })?;
         Ok(Self {
             model: SensorModel::RangeArray(model),
+        })
+    }
+
+    /// Range arrays as one: the arguments that make it.
+    #[staticmethod]
+    fn stack<'py>(py: Python<'py>, arrays: Vec<PyRef<'py, Self>>) -> PyResult<Stacked<'py>> {
+        let models: Vec<SensorModel> = arrays.iter().map(|array| array.model.clone()).collect();
+        let stacked = compute(py, || {
+            let array = |(index, model): (usize, SensorModel)| match model {
+                SensorModel::RangeArray(array) => Ok(array),
+                _ => Err(Error::invalid(
+                    &format!("array {index}"),
+                    "given",
+                    "must be a RangeArray",
+                )),
+            };
+            let arrays = models.into_iter().enumerate().map(array).collect::<Result<Vec<_>>>()?;
+            RangeArray::stack(&arrays)
+        })?;
+        let settings = stacked.settings();
+        Ok(Stacked {
+            hydrophones: array::from_matrix(py, &settings.hydrophones)?,
+            range_std: settings.range_std.clone(),
+            survey_std: settings.survey_std.clone(),
+            depth_std: settings.depth_std,
+            speeds: match &settings.sound_speed {
+                Some(SoundSpeed::Uniform(speed)) => Some(vec![*speed]),
+                Some(SoundSpeed::PerChannel(speeds)) => Some(speeds.clone()),
+                Some(SoundSpeed::Profile(_)) | None => None,
+            },
+            side: settings.side.map(|side| match side {
+                Side::Above => "above",
+                Side::Below => "below",
+            }),
         })
     }
 

@@ -2,9 +2,11 @@
 
 mod correction;
 pub mod extended;
+pub mod fusion;
 pub mod kalman;
 mod link;
 pub mod noise;
+pub mod paper_start;
 pub mod prediction;
 pub mod run;
 pub mod runner;

@@ -23,7 +23,7 @@ use super::extended::{Look, Target};
 use super::noise::{NoiseMemory, ProcessedEpoch};
 use super::prediction::Prediction;
 use super::run::FilterRun;
-use super::screen::{Screened, Verdict};
+use super::screen::{ChiSquareScreen, Screened, Verdict};
 use super::sequence::{Filter, History, InitialState, Sequence};
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
@@ -206,6 +206,9 @@ impl<'a> Runner<'a> {
         let Some(screened) = &self.screened else {
             return Ok(None);
         };
+        if !self.filter.screen().is_some_and(ChiSquareScreen::restarts) {
+            return Ok(None);
+        }
         let rejected = screened.verdicts.contains(&Verdict::Rejected);
         if self.look.correction.dof > self.filter.motion().position_dims() || !rejected {
             self.locked.clear();

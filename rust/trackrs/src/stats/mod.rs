@@ -1,3 +1,4 @@
-//! Distributions.
+//! Distributions and random streams.
 
 pub mod chi_square;
+pub mod stream;

@@ -71,6 +71,8 @@ pub trait PositionFix: Send + Sync {
     fn fix(&self, measurement: &DVector<f64>) -> Result<Fix>;
     /// `dof` of a fix with every component observed.
     fn redundancy(&self) -> usize;
+    /// Mean variance of the sensor's ranges, m².
+    fn range_variance(&self) -> f64;
 }
 
 struct Solution {
