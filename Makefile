@@ -19,7 +19,7 @@ TEST_FLAGS := --release --locked --workspace --config profile.release.package.tr
 # maturin tells pyo3 about the interpreter through these; with other values pyo3 would be compiled again at every turn.
 PYO3_ENV = PYO3_BUILD_EXTENSION_MODULE=1 PYO3_CONFIG_FILE=$(shell ls -t $(TARGET)/maturin/pyo3-config-*.txt | head -1)
 
-.PHONY: help demo test lint quick docs clean
+.PHONY: help demo test lint quick bench docs clean
 .NOTPARALLEL:
 
 help: ## list the targets
@@ -41,6 +41,9 @@ quick: $(VENV)/.dev ## the part of lint that takes seconds
 	cargo fmt --all --check
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+
+bench: $(VENV)/.package ## side by side with peers into benchmarks/RESULTS.md; BENCH=folder of the peers' benchmark
+	$(BIN)/python benchmarks/run.py '$(BENCH)'
 
 docs: $(VENV)/.package ## the Rust documentation, into target/doc
 	$(PYO3_ENV) RUSTDOCFLAGS='-D warnings' cargo doc --release --locked --workspace --no-deps

@@ -220,3 +220,20 @@ def test_results_are_read_only_and_inputs_untouched():
         run.means[0, 0] = 1.0
     square = tr.GaussianState([0.0, 0.0], np.asfortranarray([[2.0, 1.0], [1.0, 3.0]])[::1])
     assert kf.predict(square, 1.0).cov[0, 0] == pytest.approx(2 + 2 + 3 + 0.1 / 3)
+
+
+def test_iterating_helps_where_the_sensor_bends():
+    """A range known to 1 cm, a prior known to 3 m: only the iterated posterior agrees with the report."""
+    motion = tr.ConstantVelocity(dims=2, accel_psd=0.1)
+    radar = tr.RangeBearing(position=(0.0, 0.0), range_std=0.01, bearing_std=1.0)
+    state = tr.GaussianState([4.0, 3.0, 0.0, 0.0], np.diag([9.0, 9.0, 1.0, 1.0]))
+    misfit = []
+    for iterations in (1, 10):
+        ekf = tr.ExtendedKalmanFilter(motion, radar, iterations=iterations)
+        mean = ekf.update(state, [5.0, 1.8]).posterior.mean
+        misfit.append(abs(np.hypot(*mean[:2]) - 5.0))
+        run = ekf.run([0.0], [[5.0, 1.8]], initial=state)
+        np.testing.assert_array_equal(run.means[0], mean)
+    assert misfit[1] < 1e-3 < misfit[0]
+    with pytest.raises(tr.ParameterError, match="iterations = 0"):
+        tr.ExtendedKalmanFilter(motion, radar, iterations=0)

@@ -96,13 +96,15 @@ class Filter:
     @staticmethod
     def kalman(motion: Motion, sensor: Sensor) -> Filter: ...
     @staticmethod
-    def extended(motion: Motion, sensor: Sensor) -> Filter: ...
+    def extended(motion: Motion, sensor: Sensor, iterations: int) -> Filter: ...
     def with_second_order(self) -> Filter: ...
     def with_screen(self, alpha: float, mode: str, restart: bool, allowance: float | None = None) -> Filter: ...
     def with_adaptation(
         self,
         window: int,
+        r_window: int | None,
         method: str,
+        forms: tuple[str, str],
         first_epoch: int,
         q_limits: tuple[float, float],
         r_limits: tuple[float, float],

@@ -58,16 +58,23 @@ class ChiSquareScreen:
 class LimitedMemoryNoise:
     """Estimates the motion and sensor noise from the smoothed states of the last measurements.
 
-    The models' own noise is what the filter begins with. The motion's noise must be constant over a step (`accel_std=`,
-    `jerk_std=`) or that of a `LinearMotion`; R is diagonal. Rejected measurements take no part.
+    The models' own noise is what the filter begins with. Rejected measurements take no part, and steps of no time say
+    nothing about the motion noise.
 
     Args:
         window: measurements in the memory, at least 1.
-        method: "em" adds the covariances of the smoothed states; "map" is the paper as printed, which shrinks the
-            motion noise to its lower limit and loses a manoeuvring target.
+        r_window: the same for the sensor noise; None for as many.
+        method: "em" adds the covariances of the smoothed states; "map" is the paper's, which shrinks the motion noise
+            to its lower limit and loses a manoeuvring target.
+        q_form: "input" estimates what drives the motion, d x d: the covariance of a noise constant over a step
+            (`accel_std=`, `jerk_std=`) or the spectral density (`accel_psd=`, `jerk_psd=`); of a `LinearMotion`, Q.
+            "full" estimates the whole covariance of a step, n x n, as the paper prints it; the time steps must be
+            equal.
+        r_form: "diagonal", each variance averaged over the measurements that used its component, or "full", from the
+            measurements that used all components, once there are m of them.
         first_epoch: the estimates are used from this measurement on.
-        q_limits: lowest and highest eigenvalue of Q: (m/s²)² or (m/s³)², as the motion's noise.
-        r_limits: lowest and highest variance of a measurement component.
+        q_limits: lowest and highest eigenvalue of Q: (m/s²)² or (m/s³)² or the density, as the motion's noise.
+        r_limits: lowest and highest eigenvalue of R, or variance where R is diagonal.
 
     Reference:
         Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology", eqs. (8) to (11);
@@ -79,3 +86,15 @@ class LimitedMemoryNoise:
     first_epoch: int = 10
     q_limits: tuple[float, float] = (1e-6, 1e2)
     r_limits: tuple[float, float] = (1e-2, 1e4)
+    q_form: Literal["input", "full"] = "input"
+    r_form: Literal["diagonal", "full"] = "diagonal"
+    r_window: int | None = None
+
+    @classmethod
+    def as_printed(cls, window: int) -> LimitedMemoryNoise:
+        """Return the estimator that the paper prints: (10), (11) with full Q and R, used from the first measurement on.
+
+        It loses a manoeuvring target, because its optimum is Q = 0. The paper limits each element of Q and R, (8), (9),
+        which does not keep them positive semidefinite: here the limits are those of the eigenvalues.
+        """
+        return cls(window, method="map", first_epoch=1, q_form="full", r_form="full")

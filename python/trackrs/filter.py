@@ -43,7 +43,15 @@ class _SequenceFilter:
             core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.restart, self.screen.allowance)
         if self.adapt is not None:
             rule = self.adapt
-            core = core.with_adaptation(rule.window, rule.method, rule.first_epoch, rule.q_limits, rule.r_limits)
+            core = core.with_adaptation(
+                rule.window,
+                rule.r_window,
+                rule.method,
+                (rule.q_form, rule.r_form),
+                rule.first_epoch,
+                rule.q_limits,
+                rule.r_limits,
+            )
         object.__setattr__(self, "_core", core)
 
     def predict(self, state: GaussianState, time: float, input: ArrayLike | None = None) -> GaussianState:  # noqa: A002
@@ -162,22 +170,31 @@ class ExtendedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
+        iterations: most linearisations of the sensor per measurement. Above 1 it is the iterated filter: each is at the
+            posterior of the one before (Gauss-Newton), until no component of the state moves by more than 1e-9 of its
+            standard deviation. Innovation, NIS and screening are those of the first.
         second_order: let the curvature of the sensor count in the expected measurement and its variance, as matters
-            where the position is uncertain by a good part of the range: after gaps. For a `RangeArray`.
+            where the position is uncertain by a good part of the range: after gaps. For a `RangeArray`; not together
+            with `iterations`.
 
     Raises:
         DimensionError: the sensor does not fit the motion.
-        ParameterError: `second_order` with a sensor that does not give its curvature.
+        ParameterError: `iterations` is below 1 or given with `second_order`, or the sensor does not give its curvature.
 
     Reference:
-        Bar-Shalom, Li, Kirubarajan (2001), §10.3; second order §10.3.2.
+        Bar-Shalom, Li, Kirubarajan (2001), §10.3; second order §10.3.2; iterated §10.5.2, and Bell, Cathey (1993), IEEE
+        Trans. AC 38(2).
     """
 
+    iterations: int = 1
     second_order: bool = False
 
     def __post_init__(self) -> None:
         """Build the filter."""
-        core = _trackrs.Filter.extended(self.motion._core, self.sensor._core)
+        if self.second_order and self.iterations != 1:
+            msg = f"iterations = {self.iterations} cannot go with second_order: choose one"
+            raise ParameterError(msg)
+        core = _trackrs.Filter.extended(self.motion._core, self.sensor._core, self.iterations)
         self._keep(core.with_second_order() if self.second_order else core)
 
 

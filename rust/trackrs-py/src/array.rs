@@ -8,11 +8,12 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use trackrs::Gaussian;
+use trackrs::linalg::stack::Stack;
 
 use crate::error::exception;
 
 /// The numbers of an array, row by row. `as_slice` alone would also take Fortran order and so transpose it.
-fn c_slice<'a, D: Dimension>(array: &'a PyReadonlyArray<'_, f64, D>, name: &str) -> PyResult<&'a [f64]> {
+pub(crate) fn c_slice<'a, D: Dimension>(array: &'a PyReadonlyArray<'_, f64, D>, name: &str) -> PyResult<&'a [f64]> {
     match array.as_slice() {
         Ok(slice) if array.is_c_contiguous() => Ok(slice),
         _ => Err(exception(
@@ -86,18 +87,6 @@ pub(crate) fn from_rows<'py, 'a>(
     PyArray1::from_vec(py, values).reshape([count, width])
 }
 
-/// Square matrices of one size out, as an array (k, n, n), each row-major.
-pub(crate) fn from_square<'py, 'a>(
-    py: Python<'py>,
-    matrices: impl ExactSizeIterator<Item = &'a DMatrix<f64>>,
-    size: usize,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let count = matrices.len();
-    let mut values = Vec::with_capacity(count * size * size);
-    matrices.for_each(|matrix| values.extend_from_slice(matrix.transpose().as_slice()));
-    PyArray1::from_vec(py, values).reshape([count, size, size])
-}
-
 /// Symmetric matrices of one size out, as an array (k, n, n).
 pub(crate) fn from_symmetric<'py, 'a>(
     py: Python<'py>,
@@ -108,4 +97,17 @@ pub(crate) fn from_symmetric<'py, 'a>(
     let mut values = Vec::with_capacity(count * size * size);
     matrices.for_each(|matrix| values.extend_from_slice(matrix.as_slice()));
     PyArray1::from_vec(py, values).reshape([count, size, size])
+}
+
+/// Vectors of one length out, as the rows of an array (k, n); their memory is handed over.
+pub(crate) fn from_vectors<'py>(py: Python<'py>, stack: Stack) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let shape = [stack.len(), stack.shape()[1]];
+    PyArray1::from_vec(py, stack.into_values()).reshape(shape)
+}
+
+/// Matrices out, as an array (k, m, n); their memory is handed over.
+pub(crate) fn from_matrices<'py>(py: Python<'py>, stack: Stack) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let [rows, columns] = stack.shape();
+    let shape = [stack.len(), rows, columns];
+    PyArray1::from_vec(py, stack.into_values()).reshape(shape)
 }

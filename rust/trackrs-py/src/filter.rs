@@ -1,16 +1,18 @@
 //! Filters over one sequence.
 
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use nalgebra::{DMatrix, DVector};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use nalgebra::DVector;
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use trackrs::Gaussian;
-use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod};
+use trackrs::error::require_size;
+use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod, QForm, RForm};
+use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
 use trackrs::filter::search::Start;
-use trackrs::filter::sequence::{self, FilterRun, History, InitialState, Sequence};
+use trackrs::filter::sequence::{self, History, InitialState, Sequence};
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
@@ -20,6 +22,8 @@ use crate::model::{Motion, Sensor};
 /// Work between two looks for Ctrl-C, and rows between two looks at the clock.
 const CHUNK: Duration = Duration::from_millis(50);
 const ROWS: usize = 16;
+/// Rows copied at once.
+const PIECE: usize = 1024;
 /// The same while a start is sought: a position fix costs tens of updates.
 const START_CHUNK: usize = 256;
 
@@ -82,9 +86,10 @@ impl Filter {
     }
 
     #[staticmethod]
-    fn extended(py: Python<'_>, motion: &Motion, sensor: &Sensor) -> PyResult<Self> {
+    fn extended(py: Python<'_>, motion: &Motion, sensor: &Sensor, iterations: i64) -> PyResult<Self> {
         let filter = compute(py, || {
-            sequence::Filter::extended(motion.model.clone(), sensor.model.clone())
+            let iterations = count("iterations", iterations)?;
+            sequence::Filter::extended(motion.model.clone(), sensor.model.clone())?.with_iterations(iterations)
         })?;
         Ok(Self { filter })
     }
@@ -127,25 +132,43 @@ impl Filter {
     }
 
     /// The same filter with its noise estimated; limits as (lowest, highest) eigenvalue.
+    #[allow(clippy::too_many_arguments)]
     fn with_adaptation(
         &self,
         py: Python<'_>,
         window: i64,
+        r_window: Option<i64>,
         method: &str,
+        forms: (String, String),
         first_epoch: i64,
         q_limits: (f64, f64),
         r_limits: (f64, f64),
     ) -> PyResult<Self> {
         let filter = compute(py, || {
+            let refused =
+                |name: &str, value: &str, requirement: &str| Err(trackrs::Error::invalid(name, value, requirement));
             let method = match method {
                 "em" => NoiseMethod::Em,
                 "map" => NoiseMethod::Map,
-                other => return Err(trackrs::Error::invalid("method", other, "must be em or map")),
+                other => return refused("method", other, "must be em or map"),
+            };
+            let q_form = match forms.0.as_str() {
+                "input" => QForm::Input,
+                "full" => QForm::Full,
+                other => return refused("q_form", other, "must be input or full"),
+            };
+            let r_form = match forms.1.as_str() {
+                "diagonal" => RForm::Diagonal,
+                "full" => RForm::Full,
+                other => return refused("r_form", other, "must be diagonal or full"),
             };
             let limits = |(min, max): (f64, f64)| EigenLimits { min, max };
             self.filter.clone().with_adaptation(LimitedMemoryNoise {
                 window: count("window", window)?,
+                r_window: r_window.map(|window| count("r_window", window)).transpose()?,
                 method,
+                q_form,
+                r_form,
                 first_epoch: count("first_epoch", first_epoch)?,
                 q_limits: limits(q_limits),
                 r_limits: limits(r_limits),
@@ -211,9 +234,14 @@ impl Filter {
         history: &str,
         inputs: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Run<'py>> {
-        let times = array::vector(&times, "times")?;
-        let values = array::rows(&values, "values")?;
-        let inputs = inputs.map(|u| array::rows(&u, "inputs")).transpose()?;
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        require_width(py, "measurement", m, values.shape()[1])?;
+        let inputs = inputs.map(|inputs| self.complete_inputs(py, &inputs, n)).transpose()?;
+        let given = Given {
+            times: array::c_slice(&times, "times")?,
+            values: array::c_slice(&values, "values")?,
+            inputs: inputs.as_deref(),
+        };
         let initial = initial.map(|(time, mean, cov)| {
             let state = array::gaussian(&mean, &cov)?;
             Ok::<_, PyErr>(InitialState { time, state })
@@ -228,54 +256,115 @@ impl Filter {
                 return Err(crate::error::to_python(py, &error));
             }
         };
-        let inputs = inputs.as_deref();
-        compute(py, || {
-            self.filter.check(times.as_slice(), &values, initial.as_ref(), inputs)
-        })?;
-        let (initial, mut run, begin) = if let Some(given) = initial {
-            (given, FilterRun::default(), 0)
+        let whole = given.piece(0..given.times.len(), m, n);
+        let checked = self.filter.check(&whole.sequence(), initial.as_ref());
+        checked.map_err(|error| to_python(py, &error))?;
+        drop(whole);
+        let (initial, mut run, begin) = if let Some(initial) = initial {
+            (initial, FilterRun::of(&self.filter), 0)
         } else {
-            let start = self.find_start(py, times.as_slice(), &values, inputs)?;
+            let start = self.find_start(py, &given, n)?;
             let run = self.filter.begun(&start, history);
             (start.initial, run, start.row + 1)
         };
-        let data = Sequence {
-            times: times.as_slice(),
-            measurements: &values,
-            inputs,
-        };
+        run.reserve(given.times.len() - begin, history);
         let mut runner = compute(py, || Runner::new(&self.filter, &initial))?;
         let mut row = begin;
-        while row < times.len() {
-            compute(py, || {
-                let begun = Instant::now();
-                while row < times.len() && begun.elapsed() < CHUNK {
-                    let part = row..(row + ROWS).min(times.len());
-                    row = part.end;
-                    runner.advance(&data, part, history, &mut run)?;
-                }
-                Ok(())
-            })?;
-            py.check_signals()?;
+        while row < given.times.len() {
+            // A copy, because another thread may write to the arrays while the interpreter is released.
+            let piece = given.piece(row..(row + PIECE).min(given.times.len()), m, n);
+            let data = piece.sequence();
+            let mut done = 0;
+            while done < data.times.len() {
+                compute(py, || {
+                    let begun = Instant::now();
+                    while done < data.times.len() && begun.elapsed() < CHUNK {
+                        let part = done..(done + ROWS).min(data.times.len());
+                        done = part.end;
+                        runner.advance(&data, part, history, &mut run)?;
+                    }
+                    Ok(())
+                })?;
+                py.check_signals()?;
+            }
+            row += data.times.len();
         }
-        self.to_python(py, &run)
+        drop(runner);
+        Self::to_python(py, run)
     }
 }
 
+/// The arrays given to a run.
+struct Given<'a> {
+    times: &'a [f64],
+    values: &'a [f64],
+    inputs: Option<&'a [f64]>,
+}
+
+/// A copy of some of their rows.
+struct Piece {
+    times: Vec<f64>,
+    values: Vec<f64>,
+    inputs: Option<Vec<f64>>,
+    first_row: usize,
+}
+
+impl Given<'_> {
+    fn piece(&self, rows: Range<usize>, m: usize, n: usize) -> Piece {
+        let part = |array: &[f64], width: usize| array[rows.start * width..rows.end * width].to_vec();
+        Piece {
+            times: part(self.times, 1),
+            values: part(self.values, m),
+            inputs: self.inputs.map(|inputs| part(inputs, n)),
+            first_row: rows.start,
+        }
+    }
+}
+
+impl Piece {
+    fn sequence(&self) -> Sequence<'_> {
+        Sequence {
+            times: &self.times,
+            measurements: &self.values,
+            inputs: self.inputs.as_deref(),
+            first_row: self.first_row,
+        }
+    }
+}
+
+fn require_width(py: Python<'_>, name: &str, expected: usize, found: usize) -> PyResult<()> {
+    require_size(name, expected, found).map_err(|error| to_python(py, &error))
+}
+
 impl Filter {
-    fn find_start(
-        &self,
-        py: Python<'_>,
-        times: &[f64],
-        values: &[DVector<f64>],
-        inputs: Option<&[DVector<f64>]>,
-    ) -> PyResult<Start> {
+    /// T×n inputs; those that leave out the lasting errors of the sensor with zeros in their place.
+    fn complete_inputs(&self, py: Python<'_>, inputs: &PyReadonlyArray2<'_, f64>, n: usize) -> PyResult<Vec<f64>> {
+        let width = inputs.shape()[1];
+        if width != self.filter.kinematic_dim() {
+            require_width(py, "input", n, width)?;
+        }
+        let flat = array::c_slice(inputs, "inputs")?;
+        let mut complete = vec![0.0; inputs.shape()[0] * n];
+        for (to, from) in complete.chunks_exact_mut(n).zip(flat.chunks_exact(width)) {
+            to[..width].copy_from_slice(from);
+        }
+        Ok(complete)
+    }
+
+    fn find_start(&self, py: Python<'_>, given: &Given<'_>, n: usize) -> PyResult<Start> {
+        let m = self.filter.sensor().measurement_dim();
         let mut starter = compute(py, || self.filter.starter())?;
-        for from in (0..times.len()).step_by(START_CHUNK) {
-            let part = from..(from + START_CHUNK).min(times.len());
-            let found = compute(py, || {
-                starter.search(&times[part.clone()], &values[part.clone()], inputs.map(|u| &u[part]))
-            })?;
+        let count = given.times.len();
+        for from in (0..count).step_by(START_CHUNK) {
+            let part = from..(from + START_CHUNK).min(count);
+            let rows = |flat: &[f64], width: usize| -> Vec<_> {
+                part.clone()
+                    .map(|row| DVector::from_column_slice(&flat[row * width..(row + 1) * width]))
+                    .collect()
+            };
+            let (times, values) = (given.times[part.clone()].to_vec(), rows(given.values, m));
+            let inputs = given.inputs.map(|inputs| rows(inputs, n));
+            let found = compute(py, || starter.search(&times, &values, inputs.as_deref()))?;
             if let Some(start) = found {
                 return Ok(Start {
                     row: from + start.row,
@@ -287,20 +376,18 @@ impl Filter {
         Err(to_python(py, &starter.failure()))
     }
 
-    fn to_python<'py>(&self, py: Python<'py>, run: &FilterRun) -> PyResult<Run<'py>> {
-        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        let means = |list: &'_ [Gaussian]| array::from_rows(py, list.iter().map(|g| &g.mean), n);
-        let covs = |list: &'_ [Gaussian]| array::from_symmetric(py, list.iter().map(|g| &g.cov), n);
+    fn to_python(py: Python<'_>, run: FilterRun) -> PyResult<Run<'_>> {
+        let m = run.innovations.shape()[1];
         Ok(Run {
-            means: means(&run.filtered)?,
-            covs: covs(&run.filtered)?,
-            predicted_means: means(&run.predicted)?,
-            predicted_covs: covs(&run.predicted)?,
-            transitions: array::from_square(py, run.transitions.iter(), n)?,
-            motion_noises: array::from_square(py, run.motion_noises.iter(), n)?,
-            innovations: array::from_rows(py, run.innovations.iter(), m)?,
-            innovation_covs: array::from_symmetric(py, run.innovation_covs.iter(), m)?,
-            nis: PyArray1::from_slice(py, &run.nis),
+            means: array::from_vectors(py, run.filtered.means)?,
+            covs: array::from_matrices(py, run.filtered.covs)?,
+            predicted_means: array::from_vectors(py, run.predicted.means)?,
+            predicted_covs: array::from_matrices(py, run.predicted.covs)?,
+            transitions: array::from_matrices(py, run.transitions)?,
+            motion_noises: array::from_matrices(py, run.motion_noises)?,
+            innovations: array::from_vectors(py, run.innovations)?,
+            innovation_covs: array::from_matrices(py, run.innovation_covs)?,
+            nis: PyArray1::from_vec(py, run.nis),
             dof: PyArray1::from_iter(py, run.dof.iter().map(|&d| i64::try_from(d).unwrap_or(i64::MAX))),
             verdicts: PyArray1::from_iter(
                 py,
@@ -309,9 +396,9 @@ impl Filter {
             .reshape([run.screened.len(), m])?,
             statistics: PyArray1::from_iter(py, run.screened.iter().map(|s| s.statistic)),
             p_values: PyArray1::from_iter(py, run.screened.iter().map(|s| s.p_value)),
-            q_hat: array::from_symmetric(py, run.q_hat.iter(), run.q_hat.first().map_or(0, DMatrix::nrows))?,
-            r_hat: array::from_symmetric(py, run.r_hat.iter(), m)?,
-            restarts: run.restarts.clone(),
+            q_hat: array::from_matrices(py, run.q_hat)?,
+            r_hat: array::from_matrices(py, run.r_hat)?,
+            restarts: run.restarts,
             log_likelihood: run.log_likelihood,
             start: run.start,
         })

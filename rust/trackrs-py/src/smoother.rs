@@ -1,15 +1,14 @@
 //! Smoothing of a filter run.
 
-use nalgebra::{DMatrix, DVector};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
-use trackrs::filter::sequence::FilterRun;
-use trackrs::filter::smoother::{Epoch, FixedLagSmoother, SmoothedRun, fixed_interval_from};
-use trackrs::{Gaussian, Result};
+use trackrs::filter::run::FilterRun;
+use trackrs::filter::smoother::{Backward, Epoch, FixedLagSmoother, SmoothedRun};
+use trackrs::linalg::stack::Stack;
 
 use crate::array;
-use crate::error::compute;
+use crate::error::{compute, to_python};
 
 /// Steps back between two looks for Ctrl-C.
 const CHUNK: usize = 4096;
@@ -36,79 +35,76 @@ pub(crate) fn smooth<'py>(
     lag: Option<usize>,
 ) -> PyResult<Smoothed<'py>> {
     let n = means.shape()[1];
-    let filtered = (array::rows(&means, "means")?, array::matrices(&covs, "covs")?);
-    let predicted = (
-        array::rows(&predicted_means, "predicted_means")?,
-        array::matrices(&predicted_covs, "predicted_covs")?,
-    );
-    let transitions = array::matrices(&transitions, "transitions")?;
-    let motion_noises = array::matrices(&motion_noises, "motion_noises")?;
-    let run = compute(py, || {
-        Ok(FilterRun {
-            filtered: gaussians(filtered, "covs")?,
-            predicted: gaussians(predicted, "predicted_covs")?,
-            transitions,
-            motion_noises,
-            ..FilterRun::default()
-        })
-    })?;
+    let mut run = FilterRun::new(n, 0);
+    for (stack, array, name) in [
+        (&mut run.filtered.means, &means, "means"),
+        (&mut run.predicted.means, &predicted_means, "predicted_means"),
+    ] {
+        fill(py, stack, array::c_slice(array, name)?, array.shape(), name)?;
+    }
+    for (stack, array, name) in [
+        (&mut run.filtered.covs, &covs, "covs"),
+        (&mut run.predicted.covs, &predicted_covs, "predicted_covs"),
+        (&mut run.transitions, &transitions, "transitions"),
+        (&mut run.motion_noises, &motion_noises, "motion_noises"),
+    ] {
+        fill(py, stack, array::c_slice(array, name)?, array.shape(), name)?;
+    }
+    for (covs, name) in [(&run.filtered.covs, "covs"), (&run.predicted.covs, "predicted_covs")] {
+        compute(py, || require_size(name, run.filtered.len(), covs.len()))?;
+    }
     let epochs = compute(py, || run.epochs())?;
     let out = match lag {
-        None => fixed_interval(py, &epochs)?,
-        Some(lag) => fixed_lag(py, &epochs, lag)?,
+        None => fixed_interval(py, &epochs, n)?,
+        Some(lag) => fixed_lag(py, &epochs, lag, n)?,
     };
     Ok(Smoothed {
-        means: array::from_rows(py, out.states.iter().map(|g| &g.mean), n)?,
-        covs: array::from_symmetric(py, out.states.iter().map(|g| &g.cov), n)?,
-        lag_one_covs: array::from_square(py, out.lag_one.iter(), n)?,
+        means: array::from_vectors(py, out.states.means)?,
+        covs: array::from_matrices(py, out.states.covs)?,
+        lag_one_covs: array::from_matrices(py, out.lag_one)?,
     })
 }
 
-fn gaussians((means, covs): (Vec<DVector<f64>>, Vec<DMatrix<f64>>), name: &str) -> Result<Vec<Gaussian>> {
-    require_size(name, means.len(), covs.len())?;
-    Ok(means
-        .into_iter()
-        .zip(covs)
-        .map(|(mean, cov)| Gaussian { mean, cov })
-        .collect())
+/// Copies an array of vectors (k, n) or matrices (k, n, n).
+fn fill(py: Python<'_>, stack: &mut Stack, values: &[f64], shape: &[usize], name: &str) -> PyResult<()> {
+    let n = stack.shape()[1];
+    for &size in &shape[1..] {
+        require_size(name, n, size).map_err(|error| to_python(py, &error))?;
+    }
+    stack.reserve(shape[0]);
+    values
+        .chunks_exact((stack.shape()[0] * n).max(1))
+        .for_each(|one| stack.push(one));
+    Ok(())
 }
 
-/// `smoother::fixed_interval` in pieces from the end; neighbouring pieces share an epoch.
-fn fixed_interval(py: Python<'_>, epochs: &[Epoch<'_>]) -> PyResult<SmoothedRun> {
+/// `smoother::fixed_interval`, looking for Ctrl-C; neighbouring pieces share an epoch.
+fn fixed_interval(py: Python<'_>, epochs: &[Epoch<'_>], n: usize) -> PyResult<SmoothedRun> {
     let Some(last) = epochs.last() else {
-        return Ok(SmoothedRun::default());
+        return Ok(SmoothedRun::new(n));
     };
-    let mut end = last.filtered.clone();
-    let mut states = vec![end.clone()];
-    let mut lag_one = Vec::new();
+    let mut back = Backward::from(last.filtered);
     let mut to = epochs.len() - 1;
     loop {
         let from = to.saturating_sub(CHUNK);
-        let piece = compute(py, || fixed_interval_from(&epochs[from..=to], end))?;
-        states.extend(piece.states.into_iter().rev().skip(1));
-        lag_one.extend(piece.lag_one.into_iter().rev());
+        compute(py, || back.through(&epochs[from..=to]))?;
         py.check_signals()?;
-        end = states[states.len() - 1].clone();
         to = from;
         if to == 0 {
-            break;
+            return Ok(back.finish());
         }
     }
-    states.reverse();
-    lag_one.reverse();
-    Ok(SmoothedRun { states, lag_one })
 }
 
 /// `smoother::fixed_lag`, looking for Ctrl-C.
-fn fixed_lag(py: Python<'_>, epochs: &[Epoch<'_>], lag: usize) -> PyResult<SmoothedRun> {
-    let mut run = SmoothedRun::default();
+fn fixed_lag(py: Python<'_>, epochs: &[Epoch<'_>], lag: usize, n: usize) -> PyResult<SmoothedRun> {
+    let mut run = SmoothedRun::new(n);
     let mut smoother = compute(py, || FixedLagSmoother::new(lag))?;
     for piece in epochs.chunks((CHUNK / lag).max(1)) {
         compute(py, || {
             for epoch in piece {
                 if let Some(lagged) = smoother.push(epoch)? {
-                    run.states.push(lagged.state);
-                    run.lag_one.push(lagged.lag_one);
+                    run.push(&lagged);
                 }
             }
             Ok(())
@@ -116,7 +112,6 @@ fn fixed_lag(py: Python<'_>, epochs: &[Epoch<'_>], lag: usize) -> PyResult<Smoot
         py.check_signals()?;
     }
     let tail = compute(py, || Ok(smoother.tail()))?;
-    run.states.extend(tail.states);
-    run.lag_one.extend(tail.lag_one);
+    run.append(&tail);
     Ok(run)
 }

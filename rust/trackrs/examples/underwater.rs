@@ -9,9 +9,11 @@ use std::time::Instant;
 
 use trackrs::Gaussian;
 use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod};
+use trackrs::filter::run::FilterRun;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
-use trackrs::filter::sequence::{Filter, FilterRun, History};
+use trackrs::filter::sequence::{Filter, History};
 use trackrs::filter::smoother::{SmoothedRun, fixed_interval};
+use trackrs::gaussian::Gaussians;
 use trackrs::model::motion::{ConstantAcceleration, KinematicNoise};
 use trackrs::model::sensor::{RangeArray, Side};
 use trackrs::model::{MotionModel, SensorModel};
@@ -46,6 +48,7 @@ fn filter(array: &RangeArray) -> trackrs::Result<Filter> {
         first_epoch: 10,
         q_limits: EigenLimits { min: 1e-6, max: 1e2 },
         r_limits: EigenLimits { min: 1e-2, max: 1e4 },
+        ..LimitedMemoryNoise::default()
     };
     let screen = ChiSquareScreen::new(0.01, ScreenMode::Snoop, None)?;
     Filter::extended(
@@ -74,9 +77,9 @@ impl Scores {
     fn add(&mut self, run: &FilterRun, smoothed: &SmoothedRun, recording: &Recording) {
         let first = SETTLED.max(run.start);
         let error = |row: usize, state: &Gaussian| (&state.mean - recording.truth.state(row)).rows(0, 3).norm();
-        let errors = |states: &[Gaussian], offset: usize| -> Vec<f64> {
+        let errors = |states: &Gaussians, offset: usize| -> Vec<f64> {
             let rows = first..run.filtered.len();
-            rows.map(|row| error(row, &states[row - offset])).collect()
+            rows.map(|row| error(row, &states.at(row - offset))).collect()
         };
         let filtered = errors(&run.filtered, 0);
         self.worst = filtered.iter().copied().fold(self.worst, f64::max);

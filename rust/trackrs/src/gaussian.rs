@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, require_finite};
+use crate::linalg::stack::Stack;
 use crate::linalg::symmetric::{require_covariance, symmetrise};
 
 /// A Gaussian distribution, mean of length n and covariance n×n, symmetric bit for bit.
@@ -37,6 +38,117 @@ impl Gaussian {
             mean: self.mean.rows(0, n).into_owned(),
             cov: self.cov.view((0, 0), (n, n)).into_owned(),
         }
+    }
+}
+
+/// A Gaussian in somebody else's memory.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GaussianRef<'a> {
+    /// Mean, length n.
+    pub mean: &'a [f64],
+    /// Covariance, n×n, symmetric.
+    pub cov: &'a [f64],
+}
+
+impl GaussianRef<'_> {
+    /// Length of the mean.
+    pub fn dim(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// The Gaussian by value.
+    pub fn to_owned(&self) -> Gaussian {
+        let n = self.dim();
+        Gaussian {
+            mean: DVector::from_column_slice(self.mean),
+            cov: DMatrix::from_column_slice(n, n, self.cov),
+        }
+    }
+}
+
+impl<'a> From<&'a Gaussian> for GaussianRef<'a> {
+    fn from(g: &'a Gaussian) -> Self {
+        Self {
+            mean: g.mean.as_slice(),
+            cov: g.cov.as_slice(),
+        }
+    }
+}
+
+/// Gaussians of one dimension, kept in two pieces of memory.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Gaussians {
+    /// Their means, vectors of length n.
+    pub means: Stack,
+    /// Their covariances, n×n.
+    pub covs: Stack,
+}
+
+impl Gaussians {
+    /// None yet, of dimension n.
+    pub fn new(n: usize) -> Self {
+        Self {
+            means: Stack::vectors(n),
+            covs: Stack::square(n),
+        }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// Gaussian `index` by value; `index` as in a slice.
+    pub fn at(&self, index: usize) -> Gaussian {
+        self.view(index).to_owned()
+    }
+
+    /// Gaussian `index` where it stands.
+    pub fn view(&self, index: usize) -> GaussianRef<'_> {
+        GaussianRef {
+            mean: self.means.at(index),
+            cov: self.covs.at(index),
+        }
+    }
+
+    /// The last, by value.
+    pub fn last(&self) -> Option<Gaussian> {
+        self.len().checked_sub(1).map(|index| self.at(index))
+    }
+
+    /// All, by value.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = Gaussian> {
+        (0..self.len()).map(|index| self.at(index))
+    }
+
+    /// Adds one.
+    pub fn push<'a>(&mut self, state: impl Into<GaussianRef<'a>>) {
+        let state = state.into();
+        self.means.push(state.mean);
+        self.covs.push(state.cov);
+    }
+
+    /// Takes memory for so many more.
+    pub fn reserve(&mut self, count: usize) {
+        self.means.reserve(count);
+        self.covs.reserve(count);
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.means.clear();
+        self.covs.clear();
+    }
+
+    /// Adds one that is NaN throughout, `count` times.
+    pub fn fill_unknown(&mut self, count: usize) {
+        self.means.fill(f64::NAN, count);
+        self.covs.fill(f64::NAN, count);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Screening and noise estimation against the golden vectors of an independent implementation.
 
+use approx::assert_relative_eq;
 use nalgebra::{DMatrix, DVector};
 use serde_json::Value;
 use trackrs::filter::extended::linearise;
@@ -186,30 +187,35 @@ fn estimated_noise_is_that_of_the_reference() {
             first_epoch: usize::try_from(reference["k_min"].as_u64().unwrap()).unwrap(),
             q_limits: limits("q_lim"),
             r_limits: limits("r_lim"),
+            ..LimitedMemoryNoise::default()
         };
         let mut case = case(None);
         let (q, r) = (matrix(&reference["Q0"]), matrix(&reference["R0"]));
-        let mut memory = NoiseMemory::new(rule, case.start.clone(), q, r).unwrap();
+        let mut memory = NoiseMemory::new(rule, (&case.start).into(), q, r).unwrap();
+        let motion = ConstantAcceleration::new(KinematicNoise::Std(vec![1.0; 3])).unwrap();
         let mut state = case.start.clone();
         for (k, step) in reference["steps"].as_array().unwrap().iter().enumerate() {
             let (f, gain) = jerk_model(case.times[k]);
             let noise = &gain * memory.q() * gain.transpose();
+            let given = memory.step_noise(&motion, case.times[k]).unwrap();
+            assert_relative_eq!(DMatrix::from_row_slice(9, 9, given), noise, max_relative = 1e-14);
             let predicted = predict(&state, &f, &noise);
             case.sensor.noise = memory.r().clone();
             let linearised = linearise(&predicted, &case.sensor, None).unwrap();
             let innovation = residual(&case.sensor, &case.measurements[k], &linearised.expected);
             state = linearised.prediction.update(&predicted, &innovation).unwrap().posterior;
             close_vector(&state.mean, &step["xf"], name);
+            let rows = f.transpose();
             let epoch = ProcessedEpoch {
-                predicted,
-                filtered: state.clone(),
-                transition: f,
-                noise,
-                gain,
-                measurement: case.measurements[k].clone(),
+                predicted: (&predicted).into(),
+                filtered: (&state).into(),
+                transition: rows.as_slice(),
+                noise: noise.as_slice(),
+                measurement: case.measurements[k].as_slice(),
                 platform: None,
             };
-            let estimate = memory.push(epoch, &case.sensor).unwrap();
+            memory.push(&epoch, &case.sensor).unwrap();
+            let estimate = memory.estimate();
             close(&estimate.q, &step["Q_hat"], &format!("{name} Q_hat, step {k}"));
             close(&estimate.r, &step["R_hat"], &format!("{name} R_hat, step {k}"));
             close(memory.q(), &step["Q"], &format!("{name} Q, step {k}"));

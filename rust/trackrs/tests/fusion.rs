@@ -93,7 +93,7 @@ fn array_by_array_is_the_stacked_update_at_one_linearisation() {
         // The innovation against the state so far, on the same tangent.
         let tangent = &innovation - &jacobian * (&state.mean - &prior.mean);
         let seen = DVector::from_fn(10, |i, _| if channels.contains(&i) { tangent[i] } else { f64::NAN });
-        let prediction = MeasurementPrediction::new(&state, jacobian.clone(), both.noise()).unwrap();
+        let prediction = MeasurementPrediction::new(&state, &jacobian, &both.noise()).unwrap();
         state = prediction.update(&state, &seen).unwrap().posterior;
     }
     assert_relative_eq!(

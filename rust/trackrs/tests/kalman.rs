@@ -24,7 +24,7 @@ proptest! {
         let prior = Gaussian { mean: DVector::from_column_slice(&values[..n]), cov: spd(n, &values) };
         let (h, r) = (matrix(m, n, &values[11..]), spd(m, &values[5..]));
         let innovation = DVector::from_column_slice(&values[20..20 + m]);
-        let update = MeasurementPrediction::new(&prior, h.clone(), r.clone()).unwrap()
+        let update = MeasurementPrediction::new(&prior, &h, &r).unwrap()
             .update(&prior, &innovation).unwrap();
         let s = &h * &prior.cov * h.transpose() + &r;
         let inverse = s.clone().try_inverse().unwrap();
@@ -50,13 +50,13 @@ proptest! {
         let h = matrix(m, n, &values[11..]);
         let r = DMatrix::from_diagonal(&DVector::from_vec(vec![0.5, 1.0, 2.0]));
         let z = DVector::from_column_slice(&values[30..30 + m]);
-        let together = MeasurementPrediction::new(&prior, h.clone(), r.clone()).unwrap()
+        let together = MeasurementPrediction::new(&prior, &h, &r).unwrap()
             .posterior(&prior, &(&z - &h * &prior.mean));
         let mut state = prior;
         for i in 0..m {
             let (row, noise) = (h.rows(i, 1).into_owned(), r.view((i, i), (1, 1)).into_owned());
             let innovation = z.rows(i, 1) - &row * &state.mean;
-            state = MeasurementPrediction::new(&state, row, noise).unwrap().posterior(&state, &innovation);
+            state = MeasurementPrediction::new(&state, &row, &noise).unwrap().posterior(&state, &innovation);
         }
         prop_assert!((together.mean - state.mean).amax() < 1e-8);
         prop_assert!((together.cov - state.cov).amax() < 1e-8);
@@ -83,7 +83,7 @@ fn covariance_stays_positive_definite_up_to_condition_1e14() {
             let r = DMatrix::identity(2, 2) / condition;
             for _ in 0..200 {
                 let h = DMatrix::from_fn(2, 4, |_, _| random());
-                let prediction = MeasurementPrediction::new(&state, h, r.clone()).unwrap();
+                let prediction = MeasurementPrediction::new(&state, &h, &r).unwrap();
                 state = prediction.posterior(&state, &DVector::zeros(2));
                 assert!(Cholesky::new(&state.cov, "posterior").is_ok(), "condition 1e{exponent}");
                 assert_eq!(state.cov, state.cov.transpose());
@@ -109,6 +109,6 @@ fn a_sensor_without_noise_seeing_twice_is_an_error_that_names_the_pivot() {
         mean: DVector::zeros(1),
         cov: DMatrix::identity(1, 1),
     };
-    let twice = MeasurementPrediction::new(&prior, DMatrix::from_element(2, 1, 1.0), DMatrix::zeros(2, 2));
+    let twice = MeasurementPrediction::new(&prior, &DMatrix::from_element(2, 1, 1.0), &DMatrix::zeros(2, 2));
     assert!(matches!(twice, Err(Error::NotPositiveDefinite { pivot: 1, .. })));
 }

@@ -354,6 +354,6 @@ fn nothing_degenerate_poisons_the_state() {
         let error = broken.unwrap_err().to_string();
         assert!(error.contains(name), "{error}");
     }
-    assert!(array.sufficient(&DVector::from_vec(vec![1.0, 1.0, 1.0, f64::NAN])));
-    assert!(!array.sufficient(&DVector::from_vec(vec![1.0, 1.0, f64::NAN, f64::NAN])));
+    assert!(array.sufficient(&[1.0, 1.0, 1.0, f64::NAN]));
+    assert!(!array.sufficient(&[1.0, 1.0, f64::NAN, f64::NAN]));
 }

@@ -101,20 +101,20 @@ fn golden_filter_steps() {
     assert_eq!(run.start, 0);
     for (k, step) in golden["steps"].as_array().unwrap().iter().enumerate() {
         let (xp, xf) = (vector(&step["xp"]), vector(&step["xf"]));
-        close("xp", &run.predicted[k].mean, &xp);
-        assert_close("Pp", &run.predicted[k].cov, &matrix(&step["Pp"]));
+        close("xp", &run.predicted.at(k).mean, &xp);
+        assert_close("Pp", &run.predicted.at(k).cov, &matrix(&step["Pp"]));
         close("h", &bats().observe(&xp, None).unwrap(), &vector(&step["h"]));
         assert_close("A", &bats().jacobian(&xp, None).unwrap(), &matrix(&step["A"]));
-        assert_relative_eq!(run.innovations[k], vector(&step["r"]), epsilon = 1e-8);
-        assert_close("D", &run.innovation_covs[k], &matrix(&step["D"]));
+        assert_relative_eq!(run.innovations.vector(k), vector(&step["r"]), epsilon = 1e-8);
+        assert_close("D", &run.innovation_covs.matrix(k), &matrix(&step["D"]));
         assert_relative_eq!(run.nis[k], step["chi2"].as_f64().unwrap(), max_relative = 1e-8);
         close(
             "x⁻ + K r",
-            &run.filtered[k].mean,
+            &run.filtered.at(k).mean,
             &(&xp + matrix(&step["K"]) * vector(&step["r"])),
         );
-        close("xf", &run.filtered[k].mean, &xf);
-        assert_close("Pf", &run.filtered[k].cov, &matrix(&step["Pf"]));
+        close("xf", &run.filtered.at(k).mean, &xf);
+        assert_close("Pf", &run.filtered.at(k).cov, &matrix(&step["Pf"]));
     }
 }
 

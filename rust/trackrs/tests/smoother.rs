@@ -4,10 +4,11 @@ use approx::assert_relative_eq;
 use nalgebra::{DMatrix, DVector};
 use rand_pcg::{Pcg64, rand_core::Rng};
 use trackrs::Gaussian;
+use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
-use trackrs::filter::sequence::{Filter, FilterRun, History, InitialState, Sequence};
+use trackrs::filter::sequence::{Filter, History, InitialState, Sequence};
 use trackrs::filter::smoother::{
-    Epoch, FixedLagSmoother, SmoothedRun, fixed_interval, fixed_interval_from, fixed_lag, limited_memory,
+    Backward, Epoch, FixedLagSmoother, SmoothedRun, fixed_interval, fixed_lag, limited_memory,
 };
 use trackrs::linalg::symmetric::eigen_range;
 use trackrs::model::motion::{ConstantAcceleration, KinematicNoise, LinearMotion};
@@ -156,18 +157,18 @@ fn fixed_interval_is_the_joint_posterior_with_missing_data_and_repeated_times() 
         let joint = problem.joint_posterior(problem.times.len() - 1);
         assert_eq!((smoothed.states.len(), smoothed.lag_one.len()), (9, 8));
         for (i, state) in smoothed.states.iter().enumerate() {
-            assert_state(state, &joint, i);
+            assert_state(&state, &joint, i);
             assert_eq!(state.cov, state.cov.transpose());
-            let gained = &run.filtered[i].cov - &state.cov;
-            assert!(eigen_range(&gained).unwrap().min > -1e-12 * run.filtered[i].cov.amax());
+            let gained = run.filtered.at(i).cov - &state.cov;
+            assert!(eigen_range(&gained).unwrap().min > -1e-12 * run.filtered.at(i).cov.amax());
         }
-        for (i, lag_one) in smoothed.lag_one.iter().enumerate() {
-            assert_block(lag_one, &joint.cov, i + 1, i);
+        for i in 0..smoothed.lag_one.len() {
+            assert_block(&smoothed.lag_one.matrix(i), &joint.cov, i + 1, i);
         }
         assert_eq!(smoothed.states.last(), run.filtered.last());
         // Epochs 1 to 3 are at one time and so are one state.
-        assert_eq!(smoothed.states[1].cov, smoothed.states[3].cov);
-        assert_relative_eq!(smoothed.states[1].mean, smoothed.states[3].mean, epsilon = 1e-13);
+        assert_eq!(smoothed.states.at(1).cov, smoothed.states.at(3).cov);
+        assert_relative_eq!(smoothed.states.at(1).mean, smoothed.states.at(3).mean, epsilon = 1e-13);
     }
 }
 
@@ -210,20 +211,22 @@ fn fixed_interval_is_the_least_squares_solution() {
         let run = problem.run();
         let smoothed = fixed_interval(&run.epochs().unwrap()).unwrap();
         for (i, state) in smoothed.states.iter().enumerate() {
-            assert_state(state, &joint, i);
+            assert_state(&state, &joint, i);
         }
-        for (i, lag_one) in smoothed.lag_one.iter().enumerate() {
-            assert_block(lag_one, &joint.cov, i + 1, i);
+        for i in 0..smoothed.lag_one.len() {
+            assert_block(&smoothed.lag_one.matrix(i), &joint.cov, i + 1, i);
         }
     }
 }
 
 /// (U14) and (U15) as they stand, with an inverse.
 fn textbook(epochs: &[Epoch<'_>]) -> Vec<Gaussian> {
-    let mut states = vec![epochs[epochs.len() - 1].filtered.clone()];
+    let mut states = vec![epochs[epochs.len() - 1].filtered.to_owned()];
     for pair in epochs.windows(2).rev() {
-        let (now, next, later) = (pair[0].filtered, pair[1].predicted, &states[states.len() - 1]);
-        let c = &now.cov * pair[1].transition.transpose() * next.cov.clone().try_inverse().unwrap();
+        let (now, next) = (pair[0].filtered.to_owned(), pair[1].predicted.to_owned());
+        let (n, later) = (now.dim(), &states[states.len() - 1]);
+        let f = DMatrix::from_row_slice(n, n, pair[1].transition);
+        let c = &now.cov * f.transpose() * next.cov.clone().try_inverse().unwrap();
         states.push(Gaussian {
             mean: &now.mean + &c * (&later.mean - &next.mean),
             cov: &now.cov + &c * (&later.cov - &next.cov) * c.transpose(),
@@ -259,18 +262,23 @@ fn fixed_lag_is_the_joint_posterior_of_the_data_so_far() {
         for i in 0..9 {
             let last = (i + lag).min(8);
             let truncated = fixed_interval(&epochs[..=last]).unwrap();
-            assert_eq!(whole.states[i], truncated.states[i]);
+            assert_eq!(whole.states.at(i), truncated.states.at(i));
             let joint = problem.joint_posterior(last);
-            assert_state(&whole.states[i], &joint, i);
+            assert_state(&whole.states.at(i), &joint, i);
             if i < 8 {
-                assert_eq!(whole.lag_one[i], truncated.lag_one[i]);
-                assert_block(&whole.lag_one[i], &joint.cov, i + 1, i);
+                assert_eq!(whole.lag_one.at(i), truncated.lag_one.at(i));
+                assert_block(&whole.lag_one.matrix(i), &joint.cov, i + 1, i);
             }
         }
         if lag == 20 {
             assert_eq!(whole, fixed_interval(&epochs).unwrap());
         }
     }
+}
+
+/// Whether `part` is `whole` from epoch `from` on, bit for bit.
+fn is_end(part: &SmoothedRun, whole: &SmoothedRun, from: usize) -> bool {
+    part.states.iter().eq(whole.states.iter().skip(from)) && part.lag_one.iter().eq(whole.lag_one.iter().skip(from))
 }
 
 #[test]
@@ -285,16 +293,15 @@ fn fixed_lag_epoch_by_epoch_gives_each_estimate_when_it_is_due() {
         assert_eq!(lagged.is_some(), k >= 3);
         if let Some(lagged) = lagged {
             assert_eq!(
-                (&lagged.state, &lagged.lag_one),
-                (&whole.states[k - 3], &whole.lag_one[k - 3])
+                (lagged.state, lagged.lag_one),
+                (whole.states.at(k - 3), whole.lag_one.matrix(k - 3))
             );
         }
         let tail = smoother.tail();
         assert_eq!(tail.states.len(), (k + 1).min(3));
-        assert_eq!(tail.states.last(), Some(&run.filtered[k]));
+        assert_eq!(tail.states.last(), Some(run.filtered.at(k)));
     }
-    assert_eq!(smoother.tail().states[..], whole.states[6..]);
-    assert_eq!(smoother.tail().lag_one[..], whole.lag_one[6..]);
+    assert!(is_end(&smoother.tail(), &whole, 6));
 }
 
 #[test]
@@ -302,12 +309,15 @@ fn pieces_from_the_end_are_the_whole() {
     let run = Problem::irregular(8).run();
     let epochs = run.epochs().unwrap();
     let whole = fixed_interval(&epochs).unwrap();
-    let late = fixed_interval(&epochs[4..]).unwrap();
-    let early = fixed_interval_from(&epochs[..=4], late.states[0].clone()).unwrap();
-    assert_eq!(whole.states, [&early.states[..4], &late.states[..]].concat());
-    assert_eq!(whole.lag_one, [early.lag_one, late.lag_one].concat());
+    let mut back = Backward::from(epochs[8].filtered);
+    back.through(&epochs[4..]).unwrap();
+    back.through(&epochs[..=4]).unwrap();
+    assert_eq!(whole, back.finish());
     assert_eq!(fixed_interval(&[]).unwrap(), SmoothedRun::default());
-    assert_eq!(fixed_interval(&epochs[..1]).unwrap().states, run.filtered[..1]);
+    assert_eq!(
+        fixed_interval(&epochs[..1]).unwrap().states.last(),
+        Some(run.filtered.at(0))
+    );
 }
 
 #[test]
@@ -315,8 +325,7 @@ fn limited_memory_is_the_end_of_the_run() {
     let run = Problem::irregular(9).run();
     let epochs = run.epochs().unwrap();
     let (whole, window) = (fixed_interval(&epochs).unwrap(), limited_memory(&epochs, 3).unwrap());
-    assert_eq!(window.states[..], whole.states[5..]);
-    assert_eq!(window.lag_one[..], whole.lag_one[5..]);
+    assert!(is_end(&window, &whole, 5));
     for more in [8, 50, usize::MAX] {
         assert_eq!(limited_memory(&epochs, more).unwrap(), whole);
     }
@@ -327,13 +336,15 @@ fn a_run_in_two_parts_is_the_whole_run() {
     let problem = Problem::irregular(10);
     let sensor = LinearSensor::new(problem.h.clone(), problem.r.clone(), DVector::zeros(2)).unwrap();
     let filter = Filter::kalman(problem.motion.clone(), SensorModel::Linear(sensor)).unwrap();
+    let flat: Vec<f64> = problem.values.iter().flat_map(|row| row.iter().copied()).collect();
     let data = Sequence {
         times: &problem.times,
-        measurements: &problem.values,
+        measurements: &flat,
         inputs: None,
+        first_row: 0,
     };
     let mut runner = Runner::new(&filter, &problem.initial).unwrap();
-    let mut parts = FilterRun::default();
+    let mut parts = FilterRun::of(&filter);
     runner.advance(&data, 0..5, History::Full, &mut parts).unwrap();
     runner.advance(&data, 5..9, History::Full, &mut parts).unwrap();
     let whole = problem.run();

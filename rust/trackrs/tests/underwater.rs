@@ -180,7 +180,7 @@ fn mean_rms(array: RangeArray, jerk_std: f64, runs: u64) -> f64 {
             .run(&recording.truth.times, &recording.values, None, None, History::Filtered)
             .unwrap();
         let square = |k: usize| {
-            let error = &out.filtered[k].mean - recording.truth.state(k);
+            let error = out.filtered.at(k).mean - recording.truth.state(k);
             error.rows(0, 3).norm_squared()
         };
         ((12..161).map(square).sum::<f64>() / 149.0).sqrt()
@@ -232,8 +232,8 @@ fn truth_drawn_from_the_model_is_consistent_with_it() {
         let out = filter
             .run(&recording.truth.times, &recording.values, None, None, History::Filtered)
             .unwrap();
-        let error: DVector<f64> = &out.filtered[60].mean - recording.truth.state(60);
-        nees += error.dot(&out.filtered[60].cov.clone().cholesky().unwrap().solve(&error));
+        let error: DVector<f64> = out.filtered.at(60).mean - recording.truth.state(60);
+        nees += error.dot(&out.filtered.at(60).cov.cholesky().unwrap().solve(&error));
         nis += out.nis[60];
     }
     let within = |sum: f64, each: usize| {

@@ -23,14 +23,18 @@ impl Filter {
         input.clone().insert_rows(input.len(), missing, 0.0)
     }
 
+    /// Length of a state or input without the lasting errors of the sensor.
+    pub fn kinematic_dim(&self) -> usize {
+        self.motion().state_dim() - self.sensor().nuisance().map_or(0, |nuisance| nuisance.dim())
+    }
+
     /// Checks lengths that may leave out the lasting errors of the sensor.
     pub(super) fn require_states<'a>(
         &self,
         what: &str,
         states: impl IntoIterator<Item = &'a DVector<f64>>,
     ) -> Result<()> {
-        let n = self.motion().state_dim();
-        let kinematic = n - self.sensor().nuisance().map_or(0, |nuisance| nuisance.dim());
+        let (n, kinematic) = (self.motion().state_dim(), self.kinematic_dim());
         let odd = states
             .into_iter()
             .map(DVector::len)

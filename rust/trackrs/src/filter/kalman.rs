@@ -6,72 +6,44 @@
 //! | F, Q   | `Motion`             | n×n      | transition and motion noise over dt        |
 //! | H, R   | `jacobian`, `noise`  | m×n, m×m | sensor matrix and noise                    |
 //! | r      | `innovation`         | m        | measured minus predicted, angles wrapped   |
-//! | S      | `innovation_cov`     | m×m      | its covariance, S = L Lᵀ                   |
-//! | K      | `gain`               | n×m      | P Hᵀ S⁻¹, by solving with L                |
+//! | S      | `cov`                | m×m      | its covariance, S = L Lᵀ                   |
+//! | K      | `gain`               | n×m      | P Hᵀ S⁻¹, by solving with L; kept as Kᵀ    |
 //!
 //! predict:  x⁻ = f(x) + u,  P⁻ = F P Fᵀ + Q
 //! update:   S = H P Hᵀ + R,  x⁺ = x + K r,  P⁺ = (I − K H) P (I − K H)ᵀ + K R Kᵀ
 //! ν = L⁻¹ r is the whitened innovation, |ν|² the NIS, ln N(r; 0, S) = −½ (|ν|² + ln det S + m ln 2π).
 //!
 //! The Joseph form is evaluated as B = P − K (H P), P⁺ = B + (K R − B Hᵀ) Kᵀ: the same products in another
-//! order, n²m instead of n³ operations.
+//! order, n²m instead of n³ operations. All of it is written with rows of length n: Bᵀ and P⁺ᵀ are what is computed.
 //!
 //! A NaN in the measurement means that this component was not observed: its row is left out.
+//! How the matrices came about is no matter here: a rule that gives other F, Q, H, R (statistical linearisation) is
+//! followed by the same update.
 //! Reference: Bar-Shalom, Li, Kirubarajan (2001), §5.2; Joseph form ibid. (5.2.3-18).
 
 use nalgebra::{DMatrix, DVector};
 
+use super::correction::{Correction, Scratch};
+use super::prediction::Prediction;
 use crate::error::{Error, Result, require_size};
 use crate::gaussian::Gaussian;
-use crate::linalg::cholesky::Cholesky;
-use crate::linalg::symmetric::symmetrise;
+use crate::linalg::kernel::{self, BadPivot, Sparse, known, sized};
 use crate::model::Motion;
 
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
-/// A prediction and the matrices that made it, which a smoother needs again.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Prediction {
-    /// The estimate before the measurement.
-    pub state: Gaussian,
-    /// F, n×n.
-    pub transition: DMatrix<f64>,
-    /// Q, n×n.
-    pub noise: DMatrix<f64>,
-}
-
-impl Prediction {
-    /// The prediction `dt` seconds ahead; `input` (length n) is added to the predicted state.
-    pub fn new(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Self {
-        Self::with_noise(prior, motion, dt, input, motion.noise(dt))
-    }
-
-    /// The same with this Q instead of the model's own.
-    pub fn with_noise(
-        prior: &Gaussian,
-        motion: &dyn Motion,
-        dt: f64,
-        input: Option<&DVector<f64>>,
-        noise: DMatrix<f64>,
-    ) -> Self {
-        let transition = motion.jacobian(&prior.mean, dt);
-        let mut mean = motion.propagate(&prior.mean, dt);
-        if let Some(input) = input {
-            mean += input;
-        }
-        let mut cov = &transition * &prior.cov * transition.transpose() + &noise;
-        symmetrise(&mut cov);
-        Self {
-            state: Gaussian { mean, cov },
-            transition,
-            noise,
-        }
+/// A matrix of nalgebra, which keeps columns together, row by row.
+pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
+    for (row, out) in matrix.row_iter().zip(out.chunks_exact_mut(matrix.ncols().max(1))) {
+        out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
     }
 }
 
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
 pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Gaussian {
-    Prediction::new(prior, motion, dt, input).state
+    let mut prediction = Prediction::new(prior.dim());
+    prediction.predict(prior, motion, dt, input.map(DVector::as_slice));
+    prediction.state
 }
 
 /// Result of one measurement update.
@@ -96,11 +68,16 @@ pub struct Update {
 /// What a sensor is expected to report of one state: everything of an update that does not depend on the report.
 #[derive(Debug, Clone)]
 pub struct MeasurementPrediction {
-    jacobian: DMatrix<f64>,
-    noise: DMatrix<f64>,
-    cross: DMatrix<f64>,
-    cov: DMatrix<f64>,
-    factor: Cholesky,
+    pub(super) n: usize,
+    pub(super) m: usize,
+    pub(super) jacobian: Vec<f64>,
+    /// H again, without its zeros.
+    pub(super) sparse: Sparse,
+    pub(super) noise: Vec<f64>,
+    /// H P, m×n.
+    pub(super) cross: Vec<f64>,
+    pub(super) cov: DMatrix<f64>,
+    pub(super) lower: Vec<f64>,
 }
 
 /// An innovation seen through the covariance it should have.
@@ -117,25 +94,60 @@ pub struct WhitenedInnovation {
 }
 
 impl MeasurementPrediction {
+    /// Memory for m components of a state of length n.
+    pub(super) fn sized(n: usize, m: usize) -> Self {
+        Self {
+            n,
+            m,
+            jacobian: vec![0.0; m * n],
+            sparse: Sparse::default(),
+            noise: vec![0.0; m * m],
+            cross: vec![0.0; m * n],
+            cov: DMatrix::zeros(m, m),
+            lower: vec![0.0; m * m],
+        }
+    }
+
     /// Prepares the update of `prior` by a sensor with this Jacobian and noise.
-    pub fn new(prior: &Gaussian, jacobian: DMatrix<f64>, noise: DMatrix<f64>) -> Result<Self> {
+    pub fn new(prior: &Gaussian, jacobian: &DMatrix<f64>, noise: &DMatrix<f64>) -> Result<Self> {
         require_size("sensor Jacobian columns", prior.dim(), jacobian.ncols())?;
         require_size("sensor noise", jacobian.nrows(), noise.nrows())?;
-        let cross = &prior.cov * jacobian.transpose();
-        let mut cov = &jacobian * &cross + &noise;
-        symmetrise(&mut cov);
-        let factor = Cholesky::new(&cov, "innovation covariance")?;
-        Ok(Self {
-            jacobian,
-            noise,
-            cross,
-            cov,
-            factor,
+        let mut out = Self::sized(prior.dim(), jacobian.nrows());
+        copy_rows(jacobian, &mut out.jacobian);
+        copy_rows(noise, &mut out.noise);
+        out.prepare(prior.cov.as_slice())?;
+        Ok(out)
+    }
+
+    /// S and its factor for a state of covariance P and the H and R that are set.
+    pub(super) fn prepare(&mut self, cov: &[f64]) -> Result<()> {
+        let (n, m) = (self.n, self.m);
+        self.sparse.set(n, &self.jacobian);
+        sized!(cross(n, &self.sparse, cov, &mut self.cross));
+        let s = self.cov.as_mut_slice();
+        for (a, seen) in self.cross.chunks_exact(n.max(1)).enumerate() {
+            for b in 0..=a {
+                let noise = 0.5 * (self.noise[a * m + b] + self.noise[b * m + a]);
+                let sum = self.sparse.row_dot(b, seen) + noise;
+                (s[a * m + b], s[b * m + a]) = (sum, sum);
+            }
+        }
+        self.factorise()
+    }
+
+    fn factorise(&mut self) -> Result<()> {
+        let m = self.m;
+        self.lower.copy_from_slice(self.cov.as_slice());
+        let factored = sized!(factor(m, &mut self.lower));
+        factored.map_err(|pivot| Error::NotPositiveDefinite {
+            what: "innovation covariance".into(),
+            pivot: pivot.index,
+            value: pivot.value,
         })
     }
 
-    /// H, m×n.
-    pub fn jacobian(&self) -> &DMatrix<f64> {
+    /// H, m×n row by row.
+    pub fn jacobian(&self) -> &[f64] {
         &self.jacobian
     }
 
@@ -146,68 +158,79 @@ impl MeasurementPrediction {
 
     /// ln det S.
     pub fn log_determinant(&self) -> f64 {
-        self.factor.log_determinant()
+        kernel::log_determinant(self.m, &self.lower)
     }
 
     /// The innovation whitened by S; all components observed.
     pub fn whiten(&self, innovation: &DVector<f64>) -> WhitenedInnovation {
-        let whitened = self.factor.whiten(innovation);
-        let nis = whitened.norm_squared();
-        let dof = innovation.len();
+        let mut whitened = innovation.clone();
+        kernel::solve_lower(self.m, 1, &self.lower, whitened.as_mut_slice());
+        let nis = kernel::dot(whitened.as_slice(), whitened.as_slice());
         WhitenedInnovation {
             whitened,
             nis,
-            dof,
-            log_likelihood: -0.5 * (nis + self.factor.log_determinant() + dof as f64 * LN_TAU),
+            dof: self.m,
+            log_likelihood: self.log_likelihood(nis),
         }
     }
 
+    pub(super) fn log_likelihood(&self, nis: f64) -> f64 {
+        -0.5 * (nis + self.log_determinant() + self.m as f64 * LN_TAU)
+    }
+
     /// The same prediction for some of the components only.
-    pub fn select(&self, prior: &Gaussian, components: &[usize]) -> Result<Self> {
-        let noise = self.noise.select_rows(components).select_columns(components);
-        Self::new(prior, self.jacobian.select_rows(components), noise)
+    pub fn select(&self, components: &[usize]) -> Result<Self> {
+        let mut part = Self::sized(self.n, components.len());
+        self.select_into(components, &mut part)?;
+        Ok(part)
+    }
+
+    pub(super) fn select_into(&self, components: &[usize], part: &mut Self) -> Result<()> {
+        let (n, m, k) = (self.n, self.m, components.len());
+        part.m = k;
+        for matrix in [&mut part.jacobian, &mut part.cross] {
+            matrix.resize(k * n, 0.0);
+        }
+        part.noise.resize(k * k, 0.0);
+        part.lower.resize(k * k, 0.0);
+        if part.cov.nrows() != k {
+            part.cov = DMatrix::zeros(k, k);
+        }
+        for (a, &i) in components.iter().enumerate() {
+            part.jacobian[a * n..(a + 1) * n].copy_from_slice(&self.jacobian[i * n..(i + 1) * n]);
+            part.cross[a * n..(a + 1) * n].copy_from_slice(&self.cross[i * n..(i + 1) * n]);
+            for (b, &j) in components.iter().enumerate() {
+                part.noise[a * k + b] = self.noise[i * m + j];
+                part.cov[(a, b)] = self.cov[(i, j)];
+            }
+        }
+        part.sparse.set(n, &part.jacobian);
+        part.factorise()
     }
 
     /// The posterior for a fully observed innovation.
     pub fn posterior(&self, prior: &Gaussian, innovation: &DVector<f64>) -> Gaussian {
-        let gain = self.factor.solve(&self.cross.transpose()).transpose();
-        let mean = &prior.mean + &gain * innovation;
-        let left = &prior.cov - &gain * self.cross.transpose();
-        let rest = &gain * &self.noise - &left * self.jacobian.transpose();
-        let mut cov = left + rest * gain.transpose();
-        symmetrise(&mut cov);
-        Gaussian { mean, cov }
+        let mut scratch = Scratch::default();
+        let mut out = prior.clone();
+        self.posterior_into(prior.into(), innovation.as_slice(), &mut scratch, &mut out);
+        out
     }
 
     /// The whole update record; NaN components of the innovation count as not observed.
     pub fn update(&self, prior: &Gaussian, innovation: &DVector<f64>) -> Result<Update> {
-        require_size("innovation", self.cov.nrows(), innovation.len())?;
-        if let Some(index) = innovation.iter().position(|v| v.is_infinite()) {
-            return Err(Error::NonFinite {
-                what: "measurement".into(),
-                index,
-            });
-        }
-        let observed: Vec<usize> = (0..innovation.len()).filter(|&i| !innovation[i].is_nan()).collect();
-        let mut whitened = DVector::from_element(innovation.len(), f64::NAN);
-        let (posterior, white) = if observed.len() == innovation.len() {
-            (self.posterior(prior, innovation), self.whiten(innovation))
-        } else {
-            let part = self.select(prior, &observed)?;
-            let innovation = innovation.select_rows(&observed);
-            (part.posterior(prior, &innovation), part.whiten(&innovation))
-        };
-        for (slot, &i) in observed.iter().enumerate() {
-            whitened[i] = white.whitened[slot];
-        }
-        Ok(Update {
-            posterior: if observed.is_empty() { prior.clone() } else { posterior },
-            innovation: innovation.clone(),
-            innovation_cov: self.cov.clone(),
-            whitened,
-            nis: white.nis,
-            dof: white.dof,
-            log_likelihood: white.log_likelihood,
-        })
+        require_size("innovation", self.m, innovation.len())?;
+        let mut correction = Correction::new(self.n, self.m);
+        correction.apply(self, prior.into(), innovation.as_slice())?;
+        Ok(correction.record(self, innovation.clone()))
     }
+}
+
+/// H P, m×n.
+fn cross<const N: usize>(n: usize, h: &Sparse, cov: &[f64], out: &mut [f64]) {
+    let n = known::<N>(n);
+    h.multiply(n, cov, out);
+}
+
+fn factor<const N: usize>(m: usize, s: &mut [f64]) -> std::result::Result<(), BadPivot> {
+    kernel::cholesky(known::<N>(m), s)
 }

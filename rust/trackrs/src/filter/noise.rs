@@ -3,32 +3,41 @@
 //! | symbol | name here       | shape    | meaning                                                        |
 //! |--------|-----------------|----------|----------------------------------------------------------------|
 //! | N      | `window`        |          | epochs in the memory                                           |
-//! | Γ_i    | `gain`          | n×d      | how the noise enters the state over step i                     |
+//! | Γ_i, r | `NoiseInput`    | n×rd     | how r independent noises of covariance Q enter over step i     |
 //! | Q, R   | `q`, `r`        | d×d, m×m | covariances of the noise and of the measurement                |
-//! | x_i|k  | `smoothed`      | n        | states of the window given all its data (U14–U16)              |
-//! | M_i    | `lag_one`       | n×n      | cov(x_i|k, x_i−1|k) = P_i|k C_iᵀ                                |
+//! | Q̄      |                 | rd×rd    | I_r ⊗ Q                                                        |
+//! | x_i|k, P_i|k |           | n, n×n   | states of the window given all its data (U14–U16)              |
+//! | Z_i    | `projection`    | rd×n     | Q̄ Γᵀ (P⁻)⁻¹: the mean of the noise of step i, if x_i were known, is Z (x_i − x⁻) |
+//! | E_i    | `remainder`     | rd×rd    | Q̄ − Q̄ Γᵀ (P⁻)⁻¹ Γ Q̄: and this its covariance                  |
 //!
 //! w_i = x_i|k − F_i x_i−1|k,  e_i = L_i − h(x_i|k), summed over the N last epochs:
 //! * `Map` (U17, the paper): Q̂ = mean Γ⁺ w wᵀ Γ⁺ᵀ,  R̂ = mean e eᵀ
 //! * `Em` (U18, default): Q̂ = mean Γ⁺ [w wᵀ + P_i|k + F P_i−1|k Fᵀ − M Fᵀ − F Mᵀ] Γ⁺ᵀ,  R̂ = mean [e eᵀ + A P_i|k Aᵀ]
 //!
+//! Evaluated with u_i = Z (x_i|k − x⁻), which is Γ⁺ w, and Z P_i|k Zᵀ + E, which is the rest of the bracket seen through
+//! Γ⁺: Z and E are known when the epoch is processed, and no lag-one covariance is needed. With r > 1, Q̂ is the mean of
+//! the r diagonal blocks of d×d.
+//!
 //! `Map` maximises the joint density of states and noise, which is unbounded at Q = 0: it shrinks Q until the filter loses
 //! a manoeuvring target. `Em` adds the covariances that it leaves out.
 //! Both are clipped to eigenvalue limits (U19): a direction in which Q is zero never returns.
-//! Only components that were used count; R is diagonal, each component averaged over the epochs where it was used.
+//! Only components that were used count; each of a diagonal R is averaged over the epochs where it was used, a full R over
+//! the epochs that used all, at least m of them.
 //!
 //! Reference: Xi, Liu, Tao, Lu, eqs. (8)–(11); Shumway, Stoffer (1982) for the added terms. Spec labels U13–U19.
+//! Deviation: the paper's elementwise limits (8), (9) do not keep a matrix positive semidefinite; they are eigenvalue limits.
 
 use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::smoother::{self, SmoothedRun};
+use super::kalman::copy_rows;
+use super::window::{Remembered, Sums, Walk};
 use crate::error::{Error, Result, require_finite};
-use crate::gaussian::Gaussian;
-use crate::linalg::cholesky::Cholesky;
-use crate::linalg::symmetric::{clip_eigenvalues, symmetrise};
-use crate::model::{Sensor, sensor};
+use crate::gaussian::{Gaussian, GaussianRef};
+use crate::linalg::kernel;
+use crate::linalg::symmetric::clip_eigenvalues;
+use crate::model::{Motion, Sensor};
 
 /// How the residuals of the smoothed states become covariances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -38,6 +47,26 @@ pub enum NoiseMethod {
     /// Residuals and the covariances of the smoothed states.
     #[default]
     Em,
+}
+
+/// What of the motion noise is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum QForm {
+    /// The covariance of what drives the motion, d×d: see [`crate::model::NoiseInput`].
+    #[default]
+    Input,
+    /// The whole covariance of a step, n×n, as in the paper. It has no meaning where dt changes.
+    Full,
+}
+
+/// What of the sensor noise is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RForm {
+    /// The variances.
+    #[default]
+    Diagonal,
+    /// The whole matrix.
+    Full,
 }
 
 /// Lower and upper limit of the eigenvalues of an estimate.
@@ -52,10 +81,16 @@ pub struct EigenLimits {
 /// Noise estimation from the last epochs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LimitedMemoryNoise {
-    /// Epochs in the memory, at least 1.
+    /// Epochs in the memory for Q, at least 1.
     pub window: usize,
+    /// The same for R; `None` for as many.
+    pub r_window: Option<usize>,
     /// How the estimate is made.
     pub method: NoiseMethod,
+    /// What is estimated of Q.
+    pub q_form: QForm,
+    /// What is estimated of R.
+    pub r_form: RForm,
     /// Estimates are used once so many epochs have been processed.
     pub first_epoch: usize,
     /// Limits of Q.
@@ -64,11 +99,41 @@ pub struct LimitedMemoryNoise {
     pub r_limits: EigenLimits,
 }
 
+impl Default for LimitedMemoryNoise {
+    fn default() -> Self {
+        Self {
+            window: 20,
+            r_window: None,
+            method: NoiseMethod::Em,
+            q_form: QForm::Input,
+            r_form: RForm::Diagonal,
+            first_epoch: 10,
+            q_limits: EigenLimits { min: 1e-6, max: 1e2 },
+            r_limits: EigenLimits { min: 1e-2, max: 1e4 },
+        }
+    }
+}
+
 impl LimitedMemoryNoise {
+    /// The paper as printed, (10) and (11): residuals alone, full Q and R, used from the first epoch on. It loses a
+    /// manoeuvring target. The limits (8), (9) are those of the eigenvalues.
+    pub fn as_printed(window: usize) -> Self {
+        Self {
+            window,
+            method: NoiseMethod::Map,
+            q_form: QForm::Full,
+            r_form: RForm::Full,
+            first_epoch: 1,
+            ..Self::default()
+        }
+    }
+
     /// Checks the parameters.
     pub fn check(&self) -> Result<()> {
-        if self.window == 0 {
-            return Err(Error::invalid("window", 0, "must be at least 1"));
+        for (name, window) in [("window", self.window), ("r_window", self.r_window())] {
+            if window == 0 {
+                return Err(Error::invalid(name, 0, "must be at least 1"));
+            }
         }
         for (name, limits) in [("q_limits", self.q_limits), ("r_limits", self.r_limits)] {
             require_finite(name, [&limits.min, &limits.max])?;
@@ -79,25 +144,27 @@ impl LimitedMemoryNoise {
         }
         Ok(())
     }
+
+    pub(super) fn r_window(&self) -> usize {
+        self.r_window.unwrap_or(self.window)
+    }
 }
 
 /// One processed epoch, as the estimator needs it.
-#[derive(Debug, Clone)]
-pub struct ProcessedEpoch {
+#[derive(Debug, Clone, Copy)]
+pub struct ProcessedEpoch<'a> {
     /// State before the measurement.
-    pub predicted: Gaussian,
+    pub predicted: GaussianRef<'a>,
     /// State after it.
-    pub filtered: Gaussian,
-    /// F from the epoch before.
-    pub transition: DMatrix<f64>,
-    /// Γ Q Γᵀ of the step from the epoch before.
-    pub noise: DMatrix<f64>,
-    /// Γ of the step from the epoch before.
-    pub gain: DMatrix<f64>,
+    pub filtered: GaussianRef<'a>,
+    /// F from the epoch before, n×n row by row.
+    pub transition: &'a [f64],
+    /// Q of that step, n×n: what [`NoiseMemory::step_noise`] gave for it.
+    pub noise: &'a [f64],
     /// The measurement, NaN where a component was missing or rejected.
-    pub measurement: DVector<f64>,
+    pub measurement: &'a [f64],
     /// Position of the sensor's platform, where it moves.
-    pub platform: Option<DVector<f64>>,
+    pub platform: Option<&'a DVector<f64>>,
 }
 
 /// The estimates after an epoch.
@@ -109,32 +176,64 @@ pub struct NoiseEstimate {
     pub r: DMatrix<f64>,
 }
 
+/// How the noise enters over the step in hand.
+#[derive(Debug, Clone)]
+pub(super) struct Entry {
+    dt: f64,
+    /// Γᵀ, rd×n row by row; zero where no noise enters.
+    pub(super) gain: Vec<f64>,
+    rest: Option<Vec<f64>>,
+    /// r.
+    pub(super) repeat: usize,
+    /// Whether any noise enters.
+    pub(super) enters: bool,
+}
+
 /// The memory of a [`LimitedMemoryNoise`] and the noise in force.
 #[derive(Debug, Clone)]
 pub struct NoiseMemory {
     rule: LimitedMemoryNoise,
-    prior: Gaussian,
-    epochs: VecDeque<ProcessedEpoch>,
+    last: Gaussian,
+    epochs: VecDeque<Remembered>,
     processed: usize,
     q: DMatrix<f64>,
     r: DMatrix<f64>,
+    entry: Entry,
+    /// The first step that took time, for a full Q.
+    full_dt: Option<f64>,
+    step_noise: Vec<f64>,
+    sums: Sums,
+    walk: Walk,
 }
 
 impl NoiseMemory {
-    /// A memory that begins at `start`, with the noise to begin with.
-    pub fn new(rule: LimitedMemoryNoise, start: Gaussian, q: DMatrix<f64>, r: DMatrix<f64>) -> Result<Self> {
+    /// A memory that begins at `start`, with the noise to begin with: `q` is d×d, `r` m×m. A full Q (n×n) begins with the
+    /// model's own noise over the first step instead.
+    pub fn new(rule: LimitedMemoryNoise, start: GaussianRef<'_>, q: DMatrix<f64>, r: DMatrix<f64>) -> Result<Self> {
         rule.check()?;
+        let n = start.dim();
         Ok(Self {
             rule,
-            prior: start,
-            epochs: VecDeque::with_capacity(rule.window),
+            last: start.to_owned(),
+            epochs: VecDeque::with_capacity(rule.window.max(rule.r_window()).min(1024)),
             processed: 0,
+            sums: Sums::new(q.nrows(), r.nrows()),
             q,
             r,
+            entry: Entry {
+                dt: f64::NAN,
+                gain: Vec::new(),
+                rest: None,
+                repeat: 1,
+                enters: false,
+            },
+            full_dt: None,
+            step_noise: vec![0.0; n * n],
+            walk: Walk::new(n),
         })
     }
 
-    /// Q in force for the next epoch.
+    /// Q in force for the next epoch; NaN for a full Q before its first step.
     pub fn q(&self) -> &DMatrix<f64> {
         &self.q
     }
@@ -144,133 +243,135 @@ impl NoiseMemory {
         &self.r
     }
 
+    /// The estimates after the last epoch, before clipping.
+    pub fn estimate(&self) -> NoiseEstimate {
+        self.sums.estimate()
+    }
+
     /// Forgets the epochs and begins again at `start`; the noise in force stays. For a restart of the filter.
-    pub fn restart(&mut self, start: Gaussian) {
-        self.prior = start;
+    pub fn restart(&mut self, start: GaussianRef<'_>) {
+        self.last = start.to_owned();
         self.epochs.clear();
     }
 
-    /// Takes in an epoch and updates the noise in force. The estimate is returned before clipping.
-    pub fn push(&mut self, epoch: ProcessedEpoch, sensor: &dyn Sensor) -> Result<NoiseEstimate> {
-        if self.epochs.len() == self.rule.window
-            && let Some(oldest) = self.epochs.pop_front()
-        {
-            self.prior = oldest.filtered;
+    /// The motion noise of a step of length `dt` with the Q in force, n×n: Γ Q̄ Γᵀ and what is not estimated.
+    pub fn step_noise(&mut self, motion: &dyn Motion, dt: f64) -> Result<&[f64]> {
+        if dt != self.entry.dt {
+            self.set_entry(motion, dt)?;
         }
-        self.epochs.push_back(epoch);
-        self.processed += 1;
-        let estimate = self.estimate(sensor)?;
-        if self.processed < self.rule.first_epoch {
-            return Ok(estimate);
+        let n = self.last.dim();
+        let Entry { gain, rest, .. } = &self.entry;
+        match rest {
+            Some(rest) => self.step_noise.copy_from_slice(rest),
+            None => self.step_noise.fill(0.0),
         }
-        let (low, high) = (self.rule.q_limits.min, self.rule.q_limits.max);
-        self.q = clip_eigenvalues(&estimate.q, low, high)?;
-        let enough = (self.rule.first_epoch / 2).max(1);
-        for i in 0..self.r.nrows() {
-            let uses = self
-                .epochs
-                .iter()
-                .filter(|epoch| !epoch.measurement[i].is_nan())
-                .count();
-            if uses >= enough {
-                self.r[(i, i)] = estimate.r[(i, i)].clamp(self.rule.r_limits.min, self.rule.r_limits.max);
-            }
-        }
-        Ok(estimate)
-    }
-
-    fn estimate(&self, sensor: &dyn Sensor) -> Result<NoiseEstimate> {
-        let m = sensor.measurement_dim();
         let d = self.q.nrows();
-        let mut q = DMatrix::zeros(d, d);
-        let mut r = DMatrix::zeros(m, m);
-        let mut uses = DMatrix::<f64>::zeros(m, m);
-        let smoothed = self.smooth()?;
-        let mut steps = 0.0;
-        for (index, epoch) in self.epochs.iter().enumerate() {
-            let (before, after) = (&smoothed.states[index], &smoothed.states[index + 1]);
-            let filtered_before = if index == 0 {
-                &self.prior
-            } else {
-                &self.epochs[index - 1].filtered
-            };
-            // The predicted mean is f(x): its difference to F x covers inputs and nonlinear motion to first order.
-            let f = &epoch.transition;
-            let w = &after.mean - (&epoch.predicted.mean + f * (&before.mean - &filtered_before.mean));
-            let mut sum = &w * w.transpose();
-            if self.rule.method == NoiseMethod::Em {
-                let cross = &smoothed.lag_one[index] * f.transpose();
-                sum += &after.cov + f * &before.cov * f.transpose() - &cross - cross.transpose();
-            }
-            // Between two measurements at one time no noise enters: they say nothing about Q.
-            if epoch.gain.iter().any(|&g| g != 0.0) {
-                q += through_gain(&sum, &epoch.gain)?;
-                steps += 1.0;
-            }
-            add_measurement(&mut r, &mut uses, epoch, after, sensor, self.rule.method)?;
-        }
-        if steps == 0.0 {
-            q.copy_from(&self.q);
-        } else {
-            q /= steps;
-        }
-        symmetrise(&mut q);
-        r.zip_apply(&uses, |sum, count| *sum /= count);
-        Ok(NoiseEstimate { q, r })
-    }
-
-    /// The window smoothed, beginning with the filtered state before its first epoch (U13).
-    fn smooth(&self) -> Result<SmoothedRun> {
-        let n = self.prior.dim();
-        let (identity, nothing) = (DMatrix::identity(n, n), DMatrix::zeros(n, n));
-        let mut epochs = vec![smoother::Epoch {
-            step: 0,
-            filtered: &self.prior,
-            predicted: &self.prior,
-            transition: &identity,
-            noise: &nothing,
-        }];
-        epochs.extend(self.epochs.iter().enumerate().map(|(index, epoch)| smoother::Epoch {
-            step: index + 1,
-            filtered: &epoch.filtered,
-            predicted: &epoch.predicted,
-            transition: &epoch.transition,
-            noise: &epoch.noise,
-        }));
-        smoother::fixed_interval(&epochs)
-    }
-}
-
-/// Γ⁺ W Γ⁺ᵀ.
-fn through_gain(matrix: &DMatrix<f64>, gain: &DMatrix<f64>) -> Result<DMatrix<f64>> {
-    let gram = Cholesky::new(&(gain.transpose() * gain), "noise gain")?;
-    let pseudo = gram.solve(&gain.transpose());
-    Ok(&pseudo * matrix * pseudo.transpose())
-}
-
-/// Adds e eᵀ (+ A P Aᵀ) of one epoch over its used components, and counts them.
-fn add_measurement(
-    r: &mut DMatrix<f64>,
-    uses: &mut DMatrix<f64>,
-    epoch: &ProcessedEpoch,
-    smoothed: &Gaussian,
-    sensor: &dyn Sensor,
-    method: NoiseMethod,
-) -> Result<()> {
-    let platform = epoch.platform.as_ref();
-    let e = sensor::residual(sensor, &epoch.measurement, &sensor.observe(&smoothed.mean, platform)?);
-    let mut spread = DMatrix::zeros(e.len(), e.len());
-    if method == NoiseMethod::Em {
-        let a = sensor.jacobian(&smoothed.mean, platform)?;
-        spread = &a * &smoothed.cov * a.transpose();
-    }
-    for i in 0..e.len() {
-        for j in 0..e.len() {
-            if !e[i].is_nan() && !e[j].is_nan() {
-                r[(i, j)] += e[i] * e[j] + spread[(i, j)];
-                uses[(i, j)] += 1.0;
+        if self.entry.enters {
+            // Σ over blocks and pairs of Q_ab γ_a γ_bᵀ, where γ_a is a row of Γᵀ, mostly zeros.
+            for block in gain.chunks_exact((d * n).max(1)) {
+                for (a, left) in block.chunks_exact(n).enumerate() {
+                    for (b, right) in block.chunks_exact(n).enumerate() {
+                        let q = self.q[(a, b)];
+                        if q != 0.0 {
+                            for (i, &x) in left.iter().enumerate().filter(|(_, x)| **x != 0.0) {
+                                kernel::add_scaled(&mut self.step_noise[i * n..(i + 1) * n], q * x, right);
+                            }
+                        }
+                    }
+                }
             }
         }
+        Ok(&self.step_noise)
     }
-    Ok(())
+
+    fn set_entry(&mut self, motion: &dyn Motion, dt: f64) -> Result<()> {
+        let n = self.last.dim();
+        let entry = &mut self.entry;
+        entry.dt = f64::NAN;
+        match (self.rule.q_form, motion.noise_input(dt)) {
+            (QForm::Input, Some(input)) => {
+                entry.gain.resize(input.gain.ncols() * n, 0.0);
+                copy_rows(&input.gain.transpose(), &mut entry.gain);
+                entry.rest = input.rest.map(|rest| rest.as_slice().to_vec());
+                entry.repeat = input.repeat;
+            }
+            (QForm::Input, None) => {
+                return Err(Error::invalid(
+                    "adapt",
+                    "given",
+                    "needs a motion that says how its noise enters",
+                ));
+            }
+            (QForm::Full, _) => {
+                entry.gain.resize(n * n, 0.0);
+                for (i, x) in entry.gain.iter_mut().enumerate() {
+                    *x = if i % (n + 1) == 0 && dt != 0.0 { 1.0 } else { 0.0 };
+                }
+                if dt != 0.0 {
+                    let first = *self.full_dt.get_or_insert(dt);
+                    if (dt - first).abs() > 1e-9 * first {
+                        let requirement = format!("needs equal time steps: {first} s at first, later {dt} s");
+                        return Err(Error::invalid("q_form", "full", &requirement));
+                    }
+                    if self.q.iter().any(|q| q.is_nan()) {
+                        self.q = motion.noise(dt);
+                    }
+                }
+            }
+        }
+        entry.enters = entry.gain.iter().any(|&g| g != 0.0);
+        entry.dt = dt;
+        Ok(())
+    }
+
+    /// Takes in an epoch and updates the noise in force.
+    pub fn push(&mut self, epoch: &ProcessedEpoch<'_>, sensor: &dyn Sensor) -> Result<()> {
+        let full = self.epochs.len() == self.rule.window.max(self.rule.r_window());
+        let oldest = if full { self.epochs.pop_front() } else { None };
+        let mut remembered = oldest.unwrap_or_else(|| Remembered::new(self.last.dim(), self.r.nrows()));
+        self.processed += 1;
+        remembered.set(
+            (&self.last).into(),
+            epoch,
+            &self.entry,
+            &self.q,
+            self.processed,
+            self.walk.link_scratch(),
+        )?;
+        self.epochs.push_back(remembered);
+        self.last.mean.as_mut_slice().copy_from_slice(epoch.filtered.mean);
+        self.last.cov.as_mut_slice().copy_from_slice(epoch.filtered.cov);
+        self.walk
+            .back(&self.rule, &self.epochs, epoch.filtered, sensor, &mut self.sums)?;
+        self.sums.finish(&self.q);
+        if self.processed < self.rule.first_epoch {
+            return Ok(());
+        }
+        self.adopt()
+    }
+
+    fn adopt(&mut self) -> Result<()> {
+        let limits = self.rule.q_limits;
+        if self.sums.steps > 0.0 {
+            self.q = clip_eigenvalues(self.sums.q(), limits.min, limits.max)?;
+        }
+        let limits = self.rule.r_limits;
+        let m = self.r.nrows();
+        match self.rule.r_form {
+            RForm::Diagonal => {
+                let enough = (self.rule.first_epoch / 2).max(1) as f64;
+                for i in 0..m {
+                    if self.sums.uses(i) >= enough {
+                        self.r[(i, i)] = self.sums.r()[(i, i)].clamp(limits.min, limits.max);
+                    }
+                }
+            }
+            RForm::Full => {
+                if self.sums.complete >= m as f64 {
+                    self.r = clip_eigenvalues(self.sums.r_complete(), limits.min, limits.max)?;
+                }
+            }
+        }
+        Ok(())
+    }
 }

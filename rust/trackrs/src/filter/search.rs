@@ -13,9 +13,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::fit::{Fitted, Row, Window};
 use super::sequence::InitialState;
 use super::start::{TimedFix, start_state};
-use super::window::{Fitted, Row, Window};
 use crate::error::{Error, Result};
 use crate::gaussian::Gaussian;
 use crate::model::sensor::{MIRROR_GAP, PositionFix};
@@ -208,7 +208,7 @@ impl<'a> Starter<'a> {
             measurement: measurement.clone(),
             input,
         };
-        if self.fixer.sufficient(measurement) {
+        if self.fixer.sufficient(measurement.as_slice()) {
             let fix = Some(self.tested(measurement)?);
             let repeated = |group: &Group| group.fix.is_none() || group.rows.last().is_some_and(|row| row.time == time);
             if self.groups.last().is_some_and(repeated) {
@@ -239,7 +239,7 @@ impl<'a> Starter<'a> {
                 group.rows.remove(0);
             }
             group.rows.push(row);
-            group.complete = self.fixer.sufficient(&group.gathered(measurement.len()));
+            group.complete = self.fixer.sufficient(group.gathered(measurement.len()).as_slice());
         }
         Ok(())
     }

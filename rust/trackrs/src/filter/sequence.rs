@@ -7,9 +7,11 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::noise::{LimitedMemoryNoise, NoiseMemory};
-use super::runner::{EpochResult, Runner};
-use super::screen::{ChiSquareScreen, Screened, Verdict};
+use super::extended::Rule;
+use super::noise::{LimitedMemoryNoise, NoiseMemory, QForm};
+use super::run::FilterRun;
+use super::runner::Runner;
+use super::screen::ChiSquareScreen;
 use super::search::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_size};
@@ -39,91 +41,17 @@ pub enum History {
     Last,
 }
 
-/// Everything a run gives. Sequences have one element per kept time.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct FilterRun {
-    /// Estimates after the measurement.
-    pub filtered: Vec<Gaussian>,
-    /// Estimates before it; only with [`History::Full`].
-    pub predicted: Vec<Gaussian>,
-    /// F of the step to every time, from the time before or, at the first, from the initial state; n×n each, only with
-    /// [`History::Full`].
-    pub transitions: Vec<DMatrix<f64>>,
-    /// Q of the same steps.
-    pub motion_noises: Vec<DMatrix<f64>>,
-    /// Innovations, length m each, NaN where not observed.
-    pub innovations: Vec<DVector<f64>>,
-    /// Innovation covariances, m×m each.
-    pub innovation_covs: Vec<DMatrix<f64>>,
-    /// Normalised innovation squared of every row; NaN where nothing was observed.
-    pub nis: Vec<f64>,
-    /// Observed components of every row.
-    pub dof: Vec<usize>,
-    /// Verdict on every component of every row, with its test; only with a screen.
-    pub screened: Vec<Screened>,
-    /// Q of the noise estimator in force after every row, d×d; only with one.
-    pub q_hat: Vec<DMatrix<f64>>,
-    /// R in force after every row, m×m; only with a noise estimator.
-    pub r_hat: Vec<DMatrix<f64>>,
-    /// Rows at which the filter started anew after a lock-out.
-    pub restarts: Vec<usize>,
-    /// Sum of the log-likelihoods of all rows.
-    pub log_likelihood: f64,
-    /// First row of the run with an estimate: 0 when an initial state was given. Rows before it are NaN.
-    pub start: usize,
-}
-
-impl FilterRun {
-    /// Adds what one epoch gave, row `row` of the run.
-    pub(super) fn push(&mut self, row: usize, epoch: EpochResult, memory: Option<&NoiseMemory>, history: History) {
-        if history == History::Last {
-            self.forget();
-        }
-        let update = epoch.update;
-        if update.dof > 0 && !epoch.restarted {
-            self.log_likelihood += update.log_likelihood;
-        }
-        if history == History::Full {
-            self.predicted.push(epoch.prediction.state);
-            self.transitions.push(epoch.prediction.transition);
-            self.motion_noises.push(epoch.prediction.noise);
-        }
-        if epoch.restarted {
-            self.restarts.push(row);
-        }
-        self.filtered.push(update.posterior);
-        self.innovations.push(update.innovation);
-        self.innovation_covs.push(update.innovation_cov);
-        self.nis.push(if update.dof > 0 { update.nis } else { f64::NAN });
-        self.dof.push(update.dof);
-        self.screened.extend(epoch.screened);
-        if let Some(memory) = memory {
-            self.q_hat.push(memory.q().clone());
-            self.r_hat.push(memory.r().clone());
-        }
-    }
-
-    fn forget(&mut self) {
-        self.filtered.clear();
-        self.innovations.clear();
-        self.innovation_covs.clear();
-        self.nis.clear();
-        self.dof.clear();
-        self.screened.clear();
-        self.q_hat.clear();
-        self.r_hat.clear();
-    }
-}
-
 /// The measurements of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct Sequence<'a> {
     /// T times, seconds, not decreasing.
     pub times: &'a [f64],
-    /// T measurements, length m each, NaN = not observed.
-    pub measurements: &'a [DVector<f64>],
-    /// T vectors of length n (or without the lasting errors of the sensor), each added to the state predicted to its time.
-    pub inputs: Option<&'a [DVector<f64>]>,
+    /// T measurements of length m, one after the other; NaN = not observed.
+    pub measurements: &'a [f64],
+    /// T vectors of length n, each added to the state predicted to its time.
+    pub inputs: Option<&'a [f64]>,
+    /// Which row of the run the first of these is, where they are a piece of it.
+    pub first_row: usize,
 }
 
 /// A Kalman or extended Kalman filter: one motion, one sensor.
@@ -131,9 +59,9 @@ pub struct Sequence<'a> {
 pub struct Filter {
     motion: MotionModel,
     sensor: SensorModel,
+    rule: Rule,
     screen: Option<ChiSquareScreen>,
     adapt: Option<LimitedMemoryNoise>,
-    second_order: bool,
 }
 
 impl Filter {
@@ -148,9 +76,9 @@ impl Filter {
         Ok(Self {
             motion,
             sensor,
+            rule: Rule::Once,
             screen: None,
             adapt: None,
-            second_order: false,
         })
     }
 
@@ -175,14 +103,23 @@ impl Filter {
         self
     }
 
+    /// The same filter with at most so many linearisations of the sensor per measurement (see [`super::extended`]).
+    pub fn with_iterations(mut self, iterations: usize) -> Result<Self> {
+        if iterations == 0 {
+            return Err(Error::invalid("iterations", 0, "must be at least 1"));
+        }
+        self.rule = Rule::Iterated(iterations);
+        Ok(self)
+    }
+
     /// The same filter with its noise estimated as it runs; the models' own noise is what it begins with.
     pub fn with_adaptation(mut self, rule: LimitedMemoryNoise) -> Result<Self> {
         rule.check()?;
-        if self.motion.noise_input(1.0).is_none() {
+        if rule.q_form == QForm::Input && self.motion.noise_input(1.0).is_none() {
             return Err(Error::invalid(
                 "adapt",
                 "given",
-                "needs a motion whose noise is constant over a step (accel_std=, jerk_std=) or a LinearMotion",
+                "needs a motion that says how its noise enters, or q_form = \"full\"",
             ));
         }
         self.adapt = Some(rule);
@@ -199,23 +136,8 @@ impl Filter {
             let requirement = "needs a sensor that gives its curvature, such as RangeArray";
             return Err(Error::invalid("second_order", true, requirement));
         }
-        self.second_order = true;
+        self.rule = Rule::SecondOrder;
         Ok(self)
-    }
-
-    /// Linearises the sensor at a state, with this noise.
-    pub(super) fn linearise(
-        &self,
-        state: &Gaussian,
-        platform: Option<&DVector<f64>>,
-        noise: DMatrix<f64>,
-    ) -> Result<extended::Linearised> {
-        let linearise = if self.second_order {
-            extended::linearise_second_order
-        } else {
-            extended::linearise_with_noise
-        };
-        linearise(state, &self.sensor, platform, noise)
     }
 
     /// The screen for gross errors, where one is set.
@@ -223,12 +145,31 @@ impl Filter {
         self.screen.as_ref()
     }
 
+    /// How the sensor is linearised.
+    pub fn rule(&self) -> Rule {
+        self.rule
+    }
+
     /// An empty memory of the noise estimator, where one is set.
     pub(super) fn new_memory(&self, start: &Gaussian) -> Result<Option<NoiseMemory>> {
-        let (Some(rule), Some(entry)) = (self.adapt, self.motion.noise_input(1.0)) else {
+        let Some(rule) = self.adapt else {
             return Ok(None);
         };
-        NoiseMemory::new(rule, start.clone(), entry.cov, self.sensor.noise()).map(Some)
+        let q = match (rule.q_form, self.motion.noise_input(1.0)) {
+            (QForm::Input, Some(input)) => input.cov,
+            // What a full Q begins with is known with the first step.
+            _ => DMatrix::from_element(start.dim(), start.dim(), f64::NAN),
+        };
+        NoiseMemory::new(rule, start.into(), q, self.sensor.noise()).map(Some)
+    }
+
+    /// Size of the motion noise that is estimated; 0 if none is.
+    pub(super) fn adapted_dim(&self) -> usize {
+        match self.adapt.map(|rule| rule.q_form) {
+            None => 0,
+            Some(QForm::Full) => self.motion.state_dim(),
+            Some(QForm::Input) => self.motion.noise_input(1.0).map_or(0, |input| input.cov.nrows()),
+        }
     }
 
     /// The motion model.
@@ -265,8 +206,7 @@ impl Filter {
     ) -> Result<kalman::Update> {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
-        self.linearise(state, platform, self.sensor.noise())?
-            .update(state, &self.sensor, measurement)
+        extended::update(state, &self.sensor, measurement, platform, self.rule)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
@@ -279,13 +219,17 @@ impl Filter {
         inputs: Option<&[DVector<f64>]>,
         history: History,
     ) -> Result<FilterRun> {
-        self.check(times, measurements, initial, inputs)?;
+        let m = self.sensor.measurement_dim();
+        let flat = flatten("measurement", measurements, m)?;
+        let complete = inputs.map(|rows| self.flatten_inputs(rows)).transpose()?;
         let data = Sequence {
             times,
-            measurements,
-            inputs,
+            measurements: &flat,
+            inputs: complete.as_deref(),
+            first_row: 0,
         };
-        let mut run = FilterRun::default();
+        self.check(&data, initial)?;
+        let mut run = FilterRun::of(self);
         let mut from = 0;
         let mut runner = if let Some(initial) = initial {
             Runner::new(self, initial)?
@@ -294,12 +238,20 @@ impl Filter {
             let Some(start) = starter.search(times, measurements, inputs)? else {
                 return Err(starter.failure());
             };
-            run = self.begun(&start, history);
+            run.push_start(self, &start, history);
             from = start.row + 1;
             Runner::new(self, &start.initial)?
         };
+        run.reserve(times.len() - from, history);
         runner.advance(&data, from..times.len(), history, &mut run)?;
         Ok(run)
+    }
+
+    /// Inputs with or without the lasting errors of the sensor, one after the other.
+    fn flatten_inputs(&self, rows: &[DVector<f64>]) -> Result<Vec<f64>> {
+        self.require_states("input", rows)?;
+        let complete: Vec<_> = rows.iter().map(|row| self.complete_input(row)).collect();
+        flatten("input", &complete, self.motion.state_dim())
     }
 
     /// The search for the start of a run; an error if the models cannot start one.
@@ -309,69 +261,27 @@ impl Filter {
 
     /// The rows of a run up to and with the one that starts it.
     pub fn begun(&self, start: &Start, history: History) -> FilterRun {
-        let (n, m) = (self.motion.state_dim(), self.sensor.measurement_dim());
-        let unknown = Gaussian {
-            mean: DVector::from_element(n, f64::NAN),
-            cov: DMatrix::from_element(n, n, f64::NAN),
-        };
-        let rows = if history == History::Last { 1 } else { start.row + 1 };
-        let mut run = FilterRun {
-            filtered: vec![unknown.clone(); rows - 1],
-            innovations: vec![DVector::from_element(m, f64::NAN); rows],
-            innovation_covs: vec![DMatrix::from_element(m, m, f64::NAN); rows],
-            nis: vec![f64::NAN; rows],
-            dof: vec![0; rows],
-            start: start.row,
-            ..FilterRun::default()
-        };
-        run.filtered.push(start.initial.state.clone());
-        if self.screen.is_some() {
-            let untested = Screened {
-                verdicts: vec![Verdict::Missing; m],
-                statistic: f64::NAN,
-                dof: 0,
-                p_value: f64::NAN,
-            };
-            run.screened = vec![untested; rows];
-        }
-        if let Ok(Some(memory)) = self.new_memory(&start.initial.state) {
-            run.q_hat = vec![memory.q().clone(); rows];
-            run.r_hat = vec![memory.r().clone(); rows];
-        }
-        if history == History::Full {
-            run.predicted = vec![unknown; rows];
-            run.transitions = vec![DMatrix::identity(n, n); rows];
-            run.motion_noises = vec![DMatrix::zeros(n, n); rows];
-        }
+        let mut run = FilterRun::of(self);
+        run.push_start(self, start, history);
         run
     }
 
     /// Whether a run of these would be accepted.
-    pub fn check(
-        &self,
-        times: &[f64],
-        measurements: &[DVector<f64>],
-        initial: Option<&InitialState>,
-        inputs: Option<&[DVector<f64>]>,
-    ) -> Result<()> {
-        require_finite("times", times)?;
-        require_size("measurements", times.len(), measurements.len())?;
+    pub fn check(&self, data: &Sequence<'_>, initial: Option<&InitialState>) -> Result<()> {
+        let (n, m) = (self.motion.state_dim(), self.sensor.measurement_dim());
+        let count = data.times.len();
+        require_finite("times", data.times)?;
+        require_size("measurements", count * m, data.measurements.len())?;
         if let Some(initial) = initial {
             require_finite("initial time", [&initial.time])?;
             self.require_states("initial state", [&initial.state.mean])?;
         }
-        for row in measurements {
-            require_size("measurement", self.sensor.measurement_dim(), row.len())?;
-        }
-        if let Some(inputs) = inputs {
-            require_size("inputs", times.len(), inputs.len())?;
-            self.require_states("input", inputs)?;
-            for row in inputs {
-                require_finite("input", row.iter())?;
-            }
+        if let Some(inputs) = data.inputs {
+            require_size("inputs", count * n, inputs.len())?;
+            require_finite("input", inputs)?;
         }
         let mut previous = initial.map_or(f64::NEG_INFINITY, |i| i.time);
-        for &time in times {
+        for &time in data.times {
             if time < previous {
                 return Err(Error::TimeReversed { time, previous });
             }
@@ -379,4 +289,14 @@ impl Filter {
         }
         Ok(())
     }
+}
+
+/// Vectors of one length, one after the other.
+fn flatten(name: &str, rows: &[DVector<f64>], width: usize) -> Result<Vec<f64>> {
+    let mut flat = Vec::with_capacity(rows.len() * width);
+    for row in rows {
+        require_size(name, width, row.len())?;
+        flat.extend_from_slice(row.as_slice());
+    }
+    Ok(flat)
 }

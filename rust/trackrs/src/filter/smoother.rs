@@ -5,8 +5,7 @@
 //! | x_i, P_i | `Epoch::filtered`   | n, n×n | estimate of epoch i given the data to i                        |
 //! | x⁻, P⁻   | `Epoch::predicted`  | n, n×n | estimate of epoch i given the data to i−1                      |
 //! | F, Q     | `transition`, `noise` | n×n  | of the step from i−1 to i                                      |
-//! | C        | `Link::gain`        | n×n    | smoother gain from i to i−1                                    |
-//! | D        | `Link::rest`        | n×n    | covariance of epoch i−1 if epoch i were known and no data after i−1 |
+//! | C, D     | [`super::link`]     | n×n    | gain from i to i−1; covariance of i−1 if i were known          |
 //! | k        |                     |        | the last epoch whose data are used                             |
 //!
 //! gain       C = P_{i−1} Fᵀ (P⁻)⁻¹, by solving with the Cholesky factor of P⁻                       (U14)
@@ -22,7 +21,7 @@
 //! Deviations:
 //! - (U15) has P_{i−1|k} = P_{i−1} + C (P_{i|k} − P⁻) Cᵀ, which is the same, because C P⁻ = P_{i−1} Fᵀ, but is a difference
 //!   of large matrices where the data after i−1 say much. Here it is a sum of positive semidefinite terms, and symmetry is
-//!   made exact. After a start of variance 1e9 against measurements of 1e-4 the difference has an eigenvalue of −0.7 % of
+//!   made exact. After a start of variance 3e9 against measurements of 1e-4 the difference has an eigenvalue of −1.3 % of
 //!   the largest variance, the sum none below zero. Rounding of C moves both alike: the sum keeps definiteness, it does
 //!   not bring back digits. `tests/smoother_numerics.rs` shows both.
 //! - P⁻ may be singular without harm where F = I and Q = 0 (two measurements at one time, a constant): there every gain
@@ -30,13 +29,13 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
-use super::sequence::FilterRun;
+use super::link::{Link, LinkScratch, Step};
+use super::run::FilterRun;
 use crate::error::{Error, Result, require_finite, require_size};
-use crate::gaussian::Gaussian;
-use crate::linalg::cholesky::Cholesky;
-use crate::linalg::symmetric::symmetrise;
+use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
+use crate::linalg::stack::Stack;
 
 /// What the smoother needs of one epoch of a filter.
 #[derive(Debug, Clone, Copy)]
@@ -44,13 +43,13 @@ pub struct Epoch<'a> {
     /// Its number in the run, which errors name.
     pub step: usize,
     /// The estimate after the measurement.
-    pub filtered: &'a Gaussian,
+    pub filtered: GaussianRef<'a>,
     /// The estimate before it.
-    pub predicted: &'a Gaussian,
-    /// F of the step that leads here, n×n.
-    pub transition: &'a DMatrix<f64>,
+    pub predicted: GaussianRef<'a>,
+    /// F of the step that leads here, n×n row by row.
+    pub transition: &'a [f64],
     /// Q of that step, n×n.
-    pub noise: &'a DMatrix<f64>,
+    pub noise: &'a [f64],
 }
 
 impl FilterRun {
@@ -66,9 +65,9 @@ impl FilterRun {
         }
         // A run that starts itself has no prediction of its first state; nothing before that state is smoothed either.
         let predicted = |step: usize| {
-            let own = &self.predicted[step];
+            let own = self.predicted.view(step);
             if step == self.start && own.mean.iter().any(|v| v.is_nan()) {
-                &self.filtered[step]
+                self.filtered.view(step)
             } else {
                 own
             }
@@ -76,10 +75,10 @@ impl FilterRun {
         Ok((self.start.min(count)..count)
             .map(|step| Epoch {
                 step,
-                filtered: &self.filtered[step],
+                filtered: self.filtered.view(step),
                 predicted: predicted(step),
-                transition: &self.transitions[step],
-                noise: &self.motion_noises[step],
+                transition: self.transitions.at(step),
+                noise: self.motion_noises.at(step),
             })
             .collect())
     }
@@ -89,31 +88,47 @@ impl FilterRun {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SmoothedRun {
     /// One estimate per epoch.
-    pub states: Vec<Gaussian>,
+    pub states: Gaussians,
     /// cov(x_{i+1}, x_i) at index i, n×n, given the data that estimate i is given; one fewer than the states.
-    pub lag_one: Vec<DMatrix<f64>>,
+    pub lag_one: Stack,
+}
+
+impl SmoothedRun {
+    /// Nothing yet, for states of length n.
+    pub fn new(n: usize) -> Self {
+        Self {
+            states: Gaussians::new(n),
+            lag_one: Stack::square(n),
+        }
+    }
+
+    /// Adds the next estimate.
+    pub fn push(&mut self, lagged: &LaggedEstimate) {
+        self.states.push(&lagged.state);
+        self.lag_one.push_matrix(&lagged.lag_one);
+    }
+
+    /// Adds what comes after.
+    pub fn append(&mut self, tail: &Self) {
+        self.states.means.extend(&tail.states.means, 0, tail.states.len());
+        self.states.covs.extend(&tail.states.covs, 0, tail.states.len());
+        self.lag_one.extend(&tail.lag_one, 0, tail.lag_one.len());
+    }
+
+    fn reverse(&mut self) {
+        self.states.means.reverse();
+        self.states.covs.reverse();
+        self.lag_one.reverse();
+    }
 }
 
 /// Every epoch given the data of all (U14 to U16).
 pub fn fixed_interval(epochs: &[Epoch<'_>]) -> Result<SmoothedRun> {
-    match epochs.last() {
-        None => Ok(SmoothedRun::default()),
-        Some(last) => fixed_interval_from(epochs, last.filtered.clone()),
-    }
-}
-
-/// The same where the smoothed estimate of the last of these epochs is known: a long run can be smoothed in pieces from
-/// its end, each piece ending with the epoch with which the piece after it begins.
-pub fn fixed_interval_from(epochs: &[Epoch<'_>], end: Gaussian) -> Result<SmoothedRun> {
     let Some(last) = epochs.last() else {
         return Ok(SmoothedRun::default());
     };
-    epochs.iter().try_for_each(check)?;
-    require_size("smoothed state", last.filtered.dim(), end.dim())?;
-    let mut back = Backward::from(end);
-    for pair in epochs.windows(2).rev() {
-        back.step(&Link::new(pair[0].filtered, &pair[1])?);
-    }
+    let mut back = Backward::from(last.filtered);
+    back.through(epochs)?;
     Ok(back.finish())
 }
 
@@ -127,16 +142,13 @@ pub fn limited_memory(epochs: &[Epoch<'_>], window: usize) -> Result<SmoothedRun
 /// Epoch k−L given the data to k, for all k; the last L epochs given all data. Equal to [`FixedLagSmoother`] bit for bit.
 pub fn fixed_lag(epochs: &[Epoch<'_>], lag: usize) -> Result<SmoothedRun> {
     let mut smoother = FixedLagSmoother::new(lag)?;
-    let mut run = SmoothedRun::default();
+    let mut run = SmoothedRun::new(epochs.first().map_or(0, |epoch| epoch.filtered.dim()));
     for epoch in epochs {
         if let Some(lagged) = smoother.push(epoch)? {
-            run.states.push(lagged.state);
-            run.lag_one.push(lagged.lag_one);
+            run.push(&lagged);
         }
     }
-    let mut tail = smoother.tail();
-    run.states.append(&mut tail.states);
-    run.lag_one.append(&mut tail.lag_one);
+    run.append(&smoother.tail());
     Ok(run)
 }
 
@@ -173,20 +185,24 @@ impl FixedLagSmoother {
     /// Takes the next epoch k and gives epoch k−L, once there is one. After an error the smoother is as it was before.
     pub fn push(&mut self, epoch: &Epoch<'_>) -> Result<Option<LaggedEstimate>> {
         check(epoch)?;
+        let mut scratch = LinkScratch::new(epoch.filtered.dim());
         if let Some(before) = &self.last {
-            self.links.push_back(Link::new(before, epoch)?);
+            self.links.push_back(link(before.into(), epoch, &mut scratch)?);
         }
-        self.last = Some(epoch.filtered.clone());
+        self.last = Some(epoch.filtered.to_owned());
         if self.links.len() < self.lag {
             return Ok(None);
         }
-        let mut state = epoch.filtered.clone();
+        let mut back = Backward::from(epoch.filtered);
         for link in self.links.iter().skip(1).rev() {
-            state = link.back(&state);
+            back.move_to(link);
         }
-        Ok(self.links.pop_front().map(|link| LaggedEstimate {
-            state: link.back(&state),
-            lag_one: link.lag_one(&state),
+        Ok(self.links.pop_front().map(|link| {
+            back.step(&link);
+            LaggedEstimate {
+                state: back.now.clone(),
+                lag_one: back.run.lag_one.matrix(0),
+            }
         }))
     }
 
@@ -195,7 +211,7 @@ impl FixedLagSmoother {
         let Some(last) = &self.last else {
             return SmoothedRun::default();
         };
-        let mut back = Backward::from(last.clone());
+        let mut back = Backward::from(last.into());
         for link in self.links.iter().rev() {
             back.step(link);
         }
@@ -203,140 +219,100 @@ impl FixedLagSmoother {
     }
 }
 
-/// A smoothed run that grows from its end.
-struct Backward {
-    states: Vec<Gaussian>,
-    lag_one: Vec<DMatrix<f64>>,
-    first: Gaussian,
+/// A smoothed run that grows from its end. A long run can be smoothed in pieces: each begins with the epoch at which the
+/// one after it ends.
+#[derive(Debug, Clone)]
+pub struct Backward {
+    run: SmoothedRun,
+    now: Gaussian,
+    earlier: Gaussian,
+    lag_one: Vec<f64>,
+    scratch: LinkScratch,
 }
 
 impl Backward {
-    fn from(end: Gaussian) -> Self {
+    /// Begins with the smoothed, which is the filtered, estimate of the last epoch.
+    pub fn from(end: GaussianRef<'_>) -> Self {
+        let n = end.dim();
         Self {
-            states: Vec::new(),
-            lag_one: Vec::new(),
-            first: end,
+            run: SmoothedRun::new(n),
+            now: end.to_owned(),
+            earlier: end.to_owned(),
+            lag_one: vec![0.0; n * n],
+            scratch: LinkScratch::new(n),
         }
+    }
+
+    /// Goes through these epochs from the last, at which it stands, to the first.
+    pub fn through(&mut self, epochs: &[Epoch<'_>]) -> Result<()> {
+        epochs.iter().try_for_each(check)?;
+        if let Some(last) = epochs.last() {
+            require_size("smoothed state", last.filtered.dim(), self.now.dim())?;
+        }
+        for pair in epochs.windows(2).rev() {
+            let link = link(pair[0].filtered, &pair[1], &mut self.scratch)?;
+            self.step(&link);
+        }
+        Ok(())
     }
 
     fn step(&mut self, link: &Link) {
-        let before = link.back(&self.first);
-        self.lag_one.push(link.lag_one(&self.first));
-        self.states.push(std::mem::replace(&mut self.first, before));
+        link.lag_one(self.now.cov.as_slice(), &mut self.lag_one);
+        self.run.lag_one.push(&self.lag_one);
+        self.run.states.push(&self.now);
+        self.move_to(link);
     }
 
-    fn finish(mut self) -> SmoothedRun {
-        self.states.push(self.first);
-        self.states.reverse();
-        self.lag_one.reverse();
-        SmoothedRun {
-            states: self.states,
-            lag_one: self.lag_one,
-        }
-    }
-}
-
-/// The way from epoch i back to i−1: x_{i−1} = x + C (x_i − x⁻) + N(0, D). It does not depend on data after i−1.
-#[derive(Debug, Clone)]
-struct Link {
-    before: DVector<f64>,
-    predicted: DVector<f64>,
-    gain: DMatrix<f64>,
-    rest: DMatrix<f64>,
-}
-
-impl Link {
-    fn new(before: &Gaussian, after: &Epoch<'_>) -> Result<Self> {
-        let (n, f) = (after.predicted.dim(), after.transition);
-        if before.dim() != n {
-            return Err(Error::dimension(
-                &format!("state at step {}", after.step),
-                before.dim(),
-                n,
-            ));
-        }
-        let identity = DMatrix::identity(n, n);
-        let no_time = *f == identity && after.noise.iter().all(|&q| q == 0.0);
-        let gain = if no_time {
-            identity.clone()
-        } else {
-            factor(&after.predicted.cov, after.step)?
-                .solve(&(f * &before.cov))
-                .transpose()
-        };
-        let left = identity - &gain * f;
-        Ok(Self {
-            rest: &left * &before.cov * left.transpose() + &gain * after.noise * gain.transpose(),
-            before: before.mean.clone(),
-            predicted: after.predicted.mean.clone(),
-            gain,
-        })
+    fn move_to(&mut self, link: &Link) {
+        let (mean, cov) = (self.earlier.mean.as_mut_slice(), self.earlier.cov.as_mut_slice());
+        link.back((&self.now).into(), &mut self.scratch, mean, cov);
+        std::mem::swap(&mut self.now, &mut self.earlier);
     }
 
-    fn back(&self, smoothed: &Gaussian) -> Gaussian {
-        let mean = &self.before + &self.gain * (&smoothed.mean - &self.predicted);
-        let mut cov = &self.rest + &self.gain * &smoothed.cov * self.gain.transpose();
-        symmetrise(&mut cov);
-        Gaussian { mean, cov }
-    }
-
-    fn lag_one(&self, smoothed: &Gaussian) -> DMatrix<f64> {
-        &smoothed.cov * self.gain.transpose()
+    /// The smoothed run, from the epoch at which it stands to the end.
+    pub fn finish(mut self) -> SmoothedRun {
+        self.run.states.push(&self.now);
+        self.run.reverse();
+        self.run
     }
 }
 
-/// The factor of P⁻. A pivot within rounding of zero is refused too: the gain would be noise, and whether a singular
-/// matrix leaves +1e-17 or −1e-17 there is chance.
-fn factor(cov: &DMatrix<f64>, step: usize) -> Result<Cholesky> {
-    let refused = |pivot, value| Error::NotPositiveDefinite {
-        what: format!("predicted covariance at step {step}"),
-        pivot,
-        value,
+fn link(before: GaussianRef<'_>, after: &Epoch<'_>, scratch: &mut LinkScratch) -> Result<Link> {
+    let n = after.predicted.dim();
+    if before.dim() != n {
+        return Err(Error::dimension(
+            &format!("state at step {}", after.step),
+            before.dim(),
+            n,
+        ));
+    }
+    let mut link = Link::new(n);
+    let step = Step {
+        number: after.step,
+        predicted: after.predicted,
+        transition: after.transition,
+        noise: after.noise,
     };
-    let factor = Cholesky::new(cov, "predicted covariance").map_err(|error| match error {
-        Error::NotPositiveDefinite { pivot, value, .. } => refused(pivot, value),
-        other => other,
-    })?;
-    let rounding = cov.nrows() as f64 * f64::EPSILON;
-    for (pivot, root) in factor.lower().diagonal().iter().enumerate() {
-        let value = root * root;
-        if value <= rounding * cov[(pivot, pivot)] {
-            return Err(refused(pivot, value));
-        }
-    }
-    Ok(factor)
+    link.set(before, &step, scratch)?;
+    Ok(link)
 }
 
 fn check(epoch: &Epoch<'_>) -> Result<()> {
     let n = epoch.filtered.dim();
     let name = |what: &str| format!("{what} at step {}", epoch.step);
-    if epoch.predicted.dim() != n {
-        return require_size(&name("predicted mean"), n, epoch.predicted.dim());
-    }
-    for (what, matrix) in [
-        ("filtered covariance", &epoch.filtered.cov),
-        ("predicted covariance", &epoch.predicted.cov),
-        ("transition", epoch.transition),
-        ("motion noise", epoch.noise),
+    for (what, values, size) in [
+        ("predicted mean", epoch.predicted.mean, n),
+        ("filtered covariance", epoch.filtered.cov, n * n),
+        ("predicted covariance", epoch.predicted.cov, n * n),
+        ("transition", epoch.transition, n * n),
+        ("motion noise", epoch.noise, n * n),
+        ("filtered mean", epoch.filtered.mean, n),
     ] {
-        if matrix.shape() != (n, n) {
-            let found = if matrix.nrows() == n {
-                matrix.ncols()
-            } else {
-                matrix.nrows()
-            };
-            return require_size(&name(what), n, found);
+        if values.len() != size {
+            return require_size(&name(what), size, values.len());
         }
-        if matrix.iter().any(|v| !v.is_finite()) {
-            return require_finite(&name(what), matrix.transpose().iter());
-        }
-    }
-    for (what, mean) in [
-        ("filtered mean", &epoch.filtered.mean),
-        ("predicted mean", &epoch.predicted.mean),
-    ] {
-        if mean.iter().any(|v| !v.is_finite()) {
-            return require_finite(&name(what), mean.iter());
+        if values.iter().any(|v| !v.is_finite()) {
+            return require_finite(&name(what), values);
         }
     }
     Ok(())

@@ -167,8 +167,7 @@ mod tests {
                 now = f.time;
                 let h = DMatrix::identity(1, order);
                 let r = &f.position.mean - &h * &state.mean;
-                let prediction =
-                    super::super::kalman::MeasurementPrediction::new(&state, h, f.position.cov.clone()).unwrap();
+                let prediction = super::super::kalman::MeasurementPrediction::new(&state, &h, &f.position.cov).unwrap();
                 state = prediction.posterior(&state, &r);
             }
             assert_relative_eq!(start.state.mean, state.mean, max_relative = 1e-4);

@@ -95,7 +95,7 @@ pub fn gate(
         if innovation.iter().zip(half_widths.iter()).any(|(r, w)| r.abs() > *w) {
             continue;
         }
-        let white = whiten(prediction, &track.prior, &innovation)?;
+        let white = whiten(prediction, &innovation)?;
         if white.nis <= thresholds[white.dof] {
             pairs.push(GatedPair {
                 report,
@@ -112,23 +112,19 @@ pub fn gate(
     })
 }
 
-fn whiten(
-    prediction: &MeasurementPrediction,
-    prior: &Gaussian,
-    innovation: &DVector<f64>,
-) -> Result<WhitenedInnovation> {
+fn whiten(prediction: &MeasurementPrediction, innovation: &DVector<f64>) -> Result<WhitenedInnovation> {
     if innovation.iter().all(|r| !r.is_nan()) {
         return Ok(prediction.whiten(innovation));
     }
     let observed: Vec<usize> = (0..innovation.len()).filter(|&i| !innovation[i].is_nan()).collect();
-    let part = prediction.select(prior, &observed)?;
+    let part = prediction.select(&observed)?;
     Ok(part.whiten(&innovation.select_rows(&observed)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filter::extended::{linearise, update};
+    use crate::filter::extended::{Rule, linearise, update};
     use crate::model::sensor::RangeBearing;
     use nalgebra::DMatrix;
 
@@ -158,7 +154,7 @@ mod tests {
         let gated = gate(&track, &radar, &reports, &thresholds).unwrap();
         let mut expected = Vec::new();
         for (report, measured) in reports.iter().enumerate() {
-            let update = update(&prior, &radar, measured, None).unwrap();
+            let update = update(&prior, &radar, measured, None, Rule::Once).unwrap();
             if update.nis <= thresholds[update.dof] {
                 expected.push((report, update.nis, update.log_likelihood));
             }

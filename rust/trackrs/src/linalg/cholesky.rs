@@ -14,6 +14,7 @@
 use faer::linalg::solvers::{Llt, LltError};
 use nalgebra::{DMatrix, DVector};
 
+use super::kernel;
 use crate::error::{Error, Result, require_size};
 
 /// Matrices with more rows than this are factorised by faer.
@@ -96,23 +97,14 @@ impl Cholesky {
 
 fn factor(matrix: &DMatrix<f64>) -> std::result::Result<DMatrix<f64>, (usize, f64)> {
     let n = matrix.nrows();
-    let mut lower = DMatrix::zeros(n, n);
-    for j in 0..n {
-        for i in j..n {
-            let mut sum = matrix[(i, j)];
-            for k in 0..j {
-                sum -= lower[(i, k)] * lower[(j, k)];
-            }
-            if i > j {
-                lower[(i, j)] = sum / lower[(j, j)];
-            } else if sum > 0.0 && sum.is_finite() {
-                lower[(j, j)] = sum.sqrt();
-            } else {
-                return Err((j, sum));
-            }
+    let mut lower = vec![0.0; n * n];
+    for i in 0..n {
+        for j in 0..=i {
+            lower[i * n + j] = matrix[(i, j)];
         }
     }
-    Ok(lower)
+    kernel::cholesky(n, &mut lower).map_err(|pivot| (pivot.index, pivot.value))?;
+    Ok(DMatrix::from_row_slice(n, n, &lower))
 }
 
 fn factor_dense(matrix: &DMatrix<f64>) -> std::result::Result<DMatrix<f64>, (usize, f64)> {

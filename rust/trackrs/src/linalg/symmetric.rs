@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::kernel;
 use crate::error::{Error, Result, require_finite, require_size};
 
 /// Replaces `matrix` by (A + Aᵀ)/2, so that it is symmetric bit for bit.
@@ -68,8 +69,21 @@ pub fn symmetric_eigen(matrix: &DMatrix<f64>) -> Result<SymmetricEigen> {
     })
 }
 
-/// The matrix with its eigenvalues clipped into [`min`, `max`] (its lower half is read).
+/// The matrix with its eigenvalues clipped into [`min`, `max`] (its lower half is read). A matrix whose eigenvalues lie
+/// strictly between is returned as it is: A − min I and max I − A then have Cholesky factors.
 pub fn clip_eigenvalues(matrix: &DMatrix<f64>, min: f64, max: f64) -> Result<DMatrix<f64>> {
+    let n = matrix.nrows();
+    let mut shifted = matrix.as_slice().to_vec();
+    (0..n).for_each(|i| shifted[i * (n + 1)] -= min);
+    if kernel::cholesky(n, &mut shifted).is_ok() {
+        for (x, a) in shifted.iter_mut().zip(matrix.iter()) {
+            *x = -a;
+        }
+        (0..n).for_each(|i| shifted[i * (n + 1)] += max);
+        if kernel::cholesky(n, &mut shifted).is_ok() {
+            return Ok(matrix.clone());
+        }
+    }
     let SymmetricEigen { values, vectors } = symmetric_eigen(matrix)?;
     let clipped = DMatrix::from_diagonal(&values.map(|value| value.clamp(min, max)));
     let mut out = &vectors * clipped * vectors.transpose();

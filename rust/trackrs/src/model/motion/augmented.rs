@@ -63,16 +63,21 @@ impl Motion for Augmented {
     fn is_linear(&self) -> bool {
         self.base.is_linear()
     }
-    /// That of the base; none where the errors wander, because their noise is not the estimator's to find.
+    /// That of the base; how the errors wander is not the estimator's to find.
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
-        if self.nuisance.walk_psd.iter().any(|&w| w > 0.0) {
-            return None;
-        }
         let entry = self.base.noise_input(dt)?;
-        let rows = entry.gain.nrows();
+        let (rows, extra) = (entry.gain.nrows(), self.nuisance.dim());
+        let nothing = || DMatrix::zeros(rows, rows);
+        let walks = self.nuisance.walk_psd.iter().any(|&psd| psd > 0.0);
+        let rest = (walks || entry.rest.is_some()).then(|| {
+            let base = entry.rest.clone().unwrap_or_else(nothing);
+            self.enlarge(&base, |i| self.nuisance.walk_psd[i] * dt)
+        });
         Some(NoiseInput {
-            gain: entry.gain.insert_rows(rows, self.nuisance.dim(), 0.0),
+            gain: entry.gain.insert_rows(rows, extra, 0.0),
+            repeat: entry.repeat,
             cov: entry.cov,
+            rest,
         })
     }
 }
@@ -105,7 +110,8 @@ mod tests {
         let q = motion.noise(2.0);
         assert_eq!((q[(4, 4)], q[(5, 5)], q[(0, 4)]), (0.6, 0.0, 0.0));
         assert_eq!(motion.noise(0.0), DMatrix::zeros(6, 6));
-        assert!(motion.noise_input(1.0).is_none());
+        let rest = motion.noise_input(2.0).unwrap().rest.unwrap();
+        assert_eq!((rest[(4, 4)], rest.sum()), (0.6, 0.6));
         let still = augmented(0.0);
         let entry = still.noise_input(2.0).unwrap();
         assert_relative_eq!(&entry.gain * entry.cov * entry.gain.transpose(), still.noise(2.0));

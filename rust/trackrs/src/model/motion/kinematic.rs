@@ -11,6 +11,7 @@
 //! F_ij = dt^(j−i) / (j−i)!  for j ≥ i
 //! white noise:  Q_ij = q dt^(2r−1−i−j) / [(r−1−i)! (r−1−j)! (2r−1−i−j)]
 //! piecewise constant:  Γ_i = dt^(r−i) / (r−i)!,  Q = σ² Γ Γᵀ
+//! as an estimator of the noise wants it:  white noise Q = (L ⊗ I) (I_r ⊗ diag q) (L ⊗ I)ᵀ,  L_ij ∝ dt^(r−i−1/2)
 //!
 //! White noise does not depend on how time is cut: Q(a+b) = F(b) Q(a) F(b)ᵀ + Q(b).
 //! Piecewise-constant noise has rank one per axis and does depend on it.
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Motion, NoiseInput};
 use crate::error::{Error, Result, require_non_negative};
+use crate::linalg::cholesky::Cholesky;
 
 /// What drives a kinematic model; one value per axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -171,23 +173,31 @@ fn noise(order: usize, noise: &KinematicNoise, dt: f64) -> DMatrix<f64> {
     q
 }
 
-/// Γ and diag(σ²) of noise that is constant over a step.
+/// Γ and diag(σ²) of noise that is constant over a step. White noise enters as r independent noises of the density q
+/// through Γ = L ⊗ I_d, where L Lᵀ is the Q of one axis of unit density.
 fn noise_input(order: usize, noise: &KinematicNoise, dt: f64) -> Option<NoiseInput> {
-    let KinematicNoise::Std(std) = noise else {
-        return None;
-    };
-    let dims = std.len();
-    let gamma = |i: usize, axis: usize| {
-        if i % dims == axis {
-            power_over_factorial(dt, order - i / dims)
-        } else {
-            0.0
+    let dims = noise.values().len();
+    let (factor, variances) = match noise {
+        KinematicNoise::Std(std) => {
+            let gamma = DMatrix::from_fn(order, 1, |i, _| power_over_factorial(dt, order - i));
+            (gamma, std.iter().map(|s| s * s).collect::<Vec<_>>())
         }
+        KinematicNoise::Psd(psd) => (unit_factor(order, dt)?, psd.clone()),
     };
     Some(NoiseInput {
-        gain: DMatrix::from_fn(order * dims, dims, gamma),
-        cov: DMatrix::from_diagonal(&DVector::from_iterator(dims, std.iter().map(|s| s * s))),
+        gain: factor.kronecker(&DMatrix::<f64>::identity(dims, dims)),
+        repeat: factor.ncols(),
+        cov: DMatrix::from_diagonal(&DVector::from_vec(variances)),
+        rest: None,
     })
+}
+
+/// L of one axis of unit density. Scaled by powers of dt it is that of dt = 1, which keeps a short step from vanishing.
+fn unit_factor(order: usize, dt: f64) -> Option<DMatrix<f64>> {
+    let unit = self::noise(order, &KinematicNoise::Psd(vec![1.0]), 1.0);
+    let factor = Cholesky::new(&unit, "noise of unit density").ok()?;
+    let scale = |i: usize| (i + 1..order).fold(dt.sqrt(), |scale, _| scale * dt);
+    Some(DMatrix::from_fn(order, order, |i, j| scale(i) * factor.lower()[(i, j)]))
 }
 
 /// dtᵏ / k! for k ≤ 3.

@@ -66,7 +66,9 @@ impl Motion for LinearMotion {
             } else {
                 DMatrix::identity(n, n)
             },
+            repeat: 1,
             cov: self.noise.clone(),
+            rest: None,
         })
     }
 }

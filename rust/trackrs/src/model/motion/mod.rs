@@ -28,22 +28,26 @@ pub trait Motion: Debug + Send + Sync {
     fn jacobian(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64>;
     /// Q: covariance of the noise gathered in `dt` seconds, n×n.
     fn noise(&self, dt: f64) -> DMatrix<f64>;
-    /// Whether f is linear, so that the plain Kalman filter applies.
+    /// Whether f(x) = F(dt) x with an F that does not depend on x, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
     /// How noise of a fixed covariance enters the state over `dt`, for models that have it so; what an estimator of the
-    /// noise can estimate.
+    /// noise can estimate. Γ is zero for `dt = 0`.
     fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
         None
     }
 }
 
-/// Noise that is constant over a step: Q(dt) = Γ(dt) C Γ(dt)ᵀ.
+/// How noise of a fixed covariance enters over a step: Q(dt) = Γ (I_r ⊗ C) Γᵀ + rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseInput {
-    /// Γ, n×d.
+    /// Γ, n×rd.
     pub gain: DMatrix<f64>,
-    /// C, d×d.
+    /// r: how many independent noises of covariance C enter.
+    pub repeat: usize,
+    /// C, d×d. It does not depend on dt.
     pub cov: DMatrix<f64>,
+    /// What is added to Q and is not estimated, n×n.
+    pub rest: Option<DMatrix<f64>>,
 }
 
 /// A motion model held by value: one of the library's own, which can be saved, or the user's.

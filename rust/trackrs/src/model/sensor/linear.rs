@@ -45,6 +45,27 @@ impl Sensor for LinearSensor {
     fn jacobian(&self, _state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
         Ok(self.matrix.clone())
     }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        _platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        for (i, (value, row)) in expected
+            .iter_mut()
+            .zip(jacobian.chunks_exact_mut(state.len().max(1)))
+            .enumerate()
+        {
+            *value = 0.0;
+            for (j, x) in row.iter_mut().enumerate() {
+                *x = self.matrix[(i, j)];
+                *value += *x * state[j];
+            }
+            *value += self.offset[i];
+        }
+        Ok(())
+    }
     fn noise(&self) -> DMatrix<f64> {
         self.noise.clone()
     }

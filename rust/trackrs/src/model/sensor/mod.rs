@@ -46,6 +46,25 @@ pub trait Sensor: Debug + Send + Sync {
     fn observe(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DVector<f64>>;
     /// ∂h/∂x at `state`, m×n.
     fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>>;
+    /// Writes h(x), length m, and ∂h/∂x, m×n row by row, where they are wanted. A sensor that is used in long runs does
+    /// better than this default, which takes memory for both.
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        let (h, slope) = (self.observe(state, platform)?, self.jacobian(state, platform)?);
+        require_size("expected measurement", expected.len(), h.len())?;
+        require_size("sensor Jacobian rows", expected.len(), slope.nrows())?;
+        require_size("sensor Jacobian columns", state.len(), slope.ncols())?;
+        expected.copy_from_slice(h.as_slice());
+        for (row, out) in slope.row_iter().zip(jacobian.chunks_exact_mut(state.len().max(1))) {
+            out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
+        }
+        Ok(())
+    }
     /// R, m×m.
     fn noise(&self) -> DMatrix<f64>;
     /// Which components are angles, in radians.
@@ -152,6 +171,15 @@ impl Sensor for SensorModel {
     }
     fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
         self.as_sensor().jacobian(state, platform)
+    }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        self.as_sensor().linearise_into(state, platform, expected, jacobian)
     }
     fn noise(&self) -> DMatrix<f64> {
         self.as_sensor().noise()

@@ -53,6 +53,22 @@ impl Sensor for PositionSensor {
     fn jacobian(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
         Ok(DMatrix::identity(self.std.len(), state.len()))
     }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        for (i, value) in expected.iter_mut().enumerate() {
+            *value = state[i] - platform.map_or(0.0, |p| p[i]);
+        }
+        jacobian.fill(0.0);
+        for i in 0..self.std.len() {
+            jacobian[i * state.len() + i] = 1.0;
+        }
+        Ok(())
+    }
     fn noise(&self) -> DMatrix<f64> {
         DMatrix::from_diagonal(&DVector::from_iterator(self.std.len(), self.std.iter().map(|s| s * s)))
     }

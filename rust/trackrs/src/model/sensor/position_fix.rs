@@ -22,13 +22,13 @@ pub trait PositionFix: Send + Sync {
     /// Whether a measurement could be one of this sensor at all; the error says why not.
     fn check_values(&self, measurement: &DVector<f64>) -> Result<()>;
     /// Whether enough components are observed for a fix, and for its test if the sensor allows one.
-    fn sufficient(&self, measurement: &DVector<f64>) -> bool;
+    fn sufficient(&self, measurement: &[f64]) -> bool;
     /// Positions, mirror images included, from which an iteration may begin; the measurement need not be consistent.
     fn candidates(&self, measurement: &DVector<f64>) -> Result<Vec<DVector<f64>>>;
     /// Which of two positions that fit `measurement` equally well to take; an error if nothing says so.
     fn takes_first(&self, measurement: &DVector<f64>, first: &DVector<f64>, second: &DVector<f64>) -> Result<bool>;
     /// Whether the measurement cannot be linearised at a prediction as uncertain as this.
-    fn vague(&self, prediction: &Gaussian, measurement: &DVector<f64>) -> bool;
+    fn vague(&self, prediction: &Gaussian, measurement: &[f64]) -> bool;
 }
 
 impl PositionFix for RangeArray {
@@ -45,9 +45,9 @@ impl PositionFix for RangeArray {
     fn check_values(&self, measurement: &DVector<f64>) -> Result<()> {
         RangeArray::check_values(self, measurement)
     }
-    fn sufficient(&self, measurement: &DVector<f64>) -> bool {
+    fn sufficient(&self, measurement: &[f64]) -> bool {
         let heard = |part: &[f64]| part.iter().filter(|v| !v.is_nan()).count();
-        let (ranges, depths) = measurement.as_slice().split_at(self.channels().min(measurement.len()));
+        let (ranges, depths) = measurement.split_at(self.channels().min(measurement.len()));
         let (ranges, depths) = (heard(ranges), heard(depths));
         ranges + depths >= self.dims() + self.redundancy().min(1) && ranges + depths.min(1) >= self.dims()
     }
@@ -59,13 +59,22 @@ impl PositionFix for RangeArray {
         let scale = (first - second).norm();
         RangeArray::takes_first(self, first, second, self.settings.side, depth_known, scale)
     }
-    fn vague(&self, prediction: &Gaussian, measurement: &DVector<f64>) -> bool {
+    fn vague(&self, prediction: &Gaussian, measurement: &[f64]) -> bool {
         let d = self.dims();
         if prediction.dim() < d || measurement.len() < self.channels() {
             return false;
         }
         let position = prediction.mean.rows(0, d);
         let cov = prediction.cov.view((0, 0), (d, d));
+        let spread = cov.trace();
+        // The spread across a ray is at most the whole: that alone spares most epochs the rest.
+        let shortest = (0..self.channels())
+            .filter(|&i| !measurement[i].is_nan())
+            .map(|i| measurement[i] * self.metres_per_unit(i, None))
+            .fold(f64::INFINITY, f64::min);
+        if spread <= VAGUE * VAGUE * shortest * shortest {
+            return false;
+        }
         (0..self.channels()).filter(|&i| !measurement[i].is_nan()).any(|i| {
             let offset = position - self.hydrophone(i);
             let square = offset.norm_squared();
@@ -75,7 +84,7 @@ impl PositionFix for RangeArray {
                 0.0
             };
             let range = measurement[i] * self.metres_per_unit(i, None);
-            cov.trace() - along > VAGUE * VAGUE * range * range
+            spread - along > VAGUE * VAGUE * range * range
         })
     }
 }

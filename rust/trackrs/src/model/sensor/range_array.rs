@@ -249,35 +249,42 @@ impl Sensor for RangeArray {
         }
         Ok(out)
     }
-    fn jacobian(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
+    fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
+        let (m, n) = (self.measurement_dim(), state.len());
+        let (mut expected, mut jacobian) = (vec![0.0; m], vec![0.0; m * n]);
+        self.linearise_into(state, platform, &mut expected, &mut jacobian)?;
+        Ok(DMatrix::from_row_slice(m, n, &jacobian))
+    }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        _platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
         let n = state.len();
         let state = self.parts(state)?;
-        let mut out = DMatrix::zeros(self.measurement_dim(), n);
         let first = n - state.nuisance.len();
-        for i in 0..out.nrows() {
+        jacobian.fill(0.0);
+        for (i, out) in jacobian.chunks_exact_mut(n).enumerate() {
             let row = self.row(i, state.position, state.nuisance)?;
-            for j in 0..self.dims() {
-                out[(i, j)] = row.gradient[j];
-            }
+            expected[i] = row.value;
+            out[..self.dims()].copy_from_slice(&row.gradient[..self.dims()]);
             if state.nuisance.is_empty() || i == self.channels() {
                 continue;
             }
             if self.bias.is_some() {
-                out[(i, first + i)] = row.by_bias;
+                out[first + i] = row.by_bias;
             }
             if let Some(index) = self.scale_index() {
-                out[(i, first + index)] = row.by_scale;
+                out[first + index] = row.by_scale;
             }
         }
-        Ok(out)
+        Ok(())
     }
     fn noise(&self) -> DMatrix<f64> {
-        let m = self.measurement_dim();
-        let variance = |i| {
-            let std: f64 = self.std(i);
-            std * std
-        };
-        DMatrix::from_diagonal(&DVector::from_iterator(m, (0..m).map(variance)))
+        let std = DVector::from_fn(self.measurement_dim(), |i, _| self.std(i));
+        DMatrix::from_diagonal(&std.component_mul(&std))
     }
     fn locate(&self, measurement: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Option<Gaussian> {
         self.fix_on(measurement, self.settings.side)

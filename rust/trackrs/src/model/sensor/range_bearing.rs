@@ -81,6 +81,22 @@ impl Sensor for RangeBearing {
         h[(1, 1)] = d.x / r / r;
         Ok(h)
     }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        let d = self.offset(state, platform)?;
+        let r = libm::hypot(d.x, d.y);
+        expected.copy_from_slice(&[r, libm::atan2(d.y, d.x)]);
+        jacobian.fill(0.0);
+        let n = state.len();
+        (jacobian[0], jacobian[1]) = (d.x / r, d.y / r);
+        (jacobian[n], jacobian[n + 1]) = (-d.y / r / r, d.x / r / r);
+        Ok(())
+    }
     fn noise(&self) -> DMatrix<f64> {
         let variances = [self.range_std * self.range_std, self.bearing_std * self.bearing_std];
         DMatrix::from_diagonal(&DVector::from_row_slice(&variances))

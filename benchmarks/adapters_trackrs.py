@@ -1,0 +1,83 @@
+"""trackrs in the peers' benchmark: one adapter per workload, in the form its README asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+from common import peer
+
+import trackrs as tr
+
+
+def blocks(dims: int, order: int) -> np.ndarray:
+    """Return where the peers' states, axis by axis, have what trackrs keeps block by block."""
+    return np.arange(dims * order).reshape(dims, order).T.ravel()
+
+
+def linear(d: dict, history: str) -> tuple:
+    """Return the Kalman filter of W1 and W3c, ready to run."""
+    kf = tr.KalmanFilter(tr.LinearMotion(d["F"], d["Q"]), tr.LinearSensor(d["H"], d["R"]))
+    start, times = tr.GaussianState(d["x0"], d["P0"], 0.0), np.arange(1.0, d["T"] + 1.0)
+    return lambda: kf.run(times, d["Z"], initial=start, history=history)
+
+
+@peer("W1", "trackrs", "trackrs", note="means and covariances of every step kept")
+def _(d):
+    return linear(d, "filtered"), lambda run: (run.means, run.covs[-1])
+
+
+@peer("W3c", "trackrs", "trackrs")
+def _(d):
+    run = linear(d, "full")
+    return lambda: run().smooth(), lambda smoothed: smoothed.means
+
+
+def ranges(d: dict, motion: tr.ConstantAcceleration, history: str, **options: object) -> tuple:
+    """Return the extended filter of W3b, ready to run."""
+    from w03_nonlinear import A3
+
+    order = blocks(3, 3)
+    ekf = tr.ExtendedKalmanFilter(motion, tr.RangeArray(A3, range_std=1.0, depth_std=0.5), **options)
+    start = tr.GaussianState(d["x0"][order], d["P0"][np.ix_(order, order)], 0.0)
+    times = 0.5 * np.arange(1, d["T"] + 1)
+    return lambda: ekf.run(times, d["Z"], initial=start, history=history)
+
+
+def w3b(history: str):
+    def adapter(d):
+        back = np.argsort(blocks(3, 3))
+
+        def means(run):
+            # Of the last state alone there is only the last row to compare.
+            return np.concatenate([d["out"][: d["T"] - len(run)], run.means[:, back]])
+
+        return ranges(d, tr.ConstantAcceleration(dims=3, jerk_psd=0.01), history), means
+
+    return adapter
+
+
+for _history in ("filtered", "last", "full"):
+    peer("W3b", f"trackrs({_history})", "trackrs")(w3b(_history))
+
+
+@peer(
+    "W3b", "trackrs(adaptive)", "trackrs", note="noise estimated over a window of 20; another estimate, so not compared"
+)
+def _(d):
+    motion = tr.ConstantAcceleration(dims=3, jerk_std=0.1)
+    run = ranges(d, motion, "filtered", adapt=tr.LimitedMemoryNoise(window=20))
+    return run, lambda _run: d["out"]
+
+
+@peer("W8ospa", "trackrs", "trackrs")
+def _(d):
+    return lambda: tr.ospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.distance
+
+
+@peer("W8gospa", "trackrs", "trackrs")
+def _(d):
+    return lambda: tr.gospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.distance
+
+
+@peer("W9", "trackrs", "trackrs")
+def _(d):
+    return lambda: tr.assign(d["D"]), lambda r: (np.arange(len(r.columns)), r.columns)

@@ -1,0 +1,237 @@
+//! The correction of a state by a measurement, in memory that serves one epoch after another. Equations and symbols are
+//! those of [`super::kalman`].
+
+use nalgebra::{DMatrix, DVector};
+
+use super::kalman::{MeasurementPrediction, Update};
+use crate::error::{Error, Result};
+use crate::gaussian::{Gaussian, GaussianRef};
+use crate::linalg::kernel::{self, known, sized};
+
+/// Intermediate matrices of an update.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scratch {
+    /// Kᵀ, m×n.
+    gain: Vec<f64>,
+    /// Bᵀ, n×n.
+    left: Vec<f64>,
+    /// (B Hᵀ)ᵀ, m×n.
+    seen: Vec<f64>,
+    /// (K R − B Hᵀ)ᵀ, m×n.
+    rest: Vec<f64>,
+}
+
+impl Scratch {
+    fn fit(&mut self, n: usize, m: usize) {
+        for matrix in [&mut self.gain, &mut self.seen, &mut self.rest] {
+            matrix.resize(m * n, 0.0);
+        }
+        self.left.resize(n * n, 0.0);
+    }
+}
+
+/// Where a posterior goes.
+struct Posterior<'a> {
+    mean: &'a mut [f64],
+    cov: &'a mut [f64],
+}
+
+impl MeasurementPrediction {
+    /// The posterior for a fully observed innovation.
+    pub(super) fn posterior_into(
+        &self,
+        prior: GaussianRef<'_>,
+        innovation: &[f64],
+        scratch: &mut Scratch,
+        out: &mut Gaussian,
+    ) {
+        let (n, m) = (self.n, self.m);
+        scratch.fit(n, m);
+        let out = Posterior {
+            mean: out.mean.as_mut_slice(),
+            cov: out.cov.as_mut_slice(),
+        };
+        match m {
+            // The common numbers of components as constants too: the loops over them are in the middle of everything.
+            1 => sized!(joseph_of_one(n, self, prior, innovation, scratch, out)),
+            2 => sized!(joseph_of_two(n, self, prior, innovation, scratch, out)),
+            3 => sized!(joseph_of_three(n, self, prior, innovation, scratch, out)),
+            4 => sized!(joseph_of_four(n, self, prior, innovation, scratch, out)),
+            _ => sized!(joseph_of_many(n, self, prior, innovation, scratch, out)),
+        }
+    }
+}
+
+macro_rules! joseph_of {
+    ($($name:ident $m:expr;)*) => {
+        $(fn $name<const N: usize>(
+            n: usize,
+            expected: &MeasurementPrediction,
+            prior: GaussianRef<'_>,
+            innovation: &[f64],
+            scratch: &mut Scratch,
+            out: Posterior<'_>,
+        ) {
+            joseph(known::<N>(n), ($m)(expected), expected, prior, innovation, scratch, out);
+        })*
+    };
+}
+
+joseph_of! {
+    joseph_of_one |_| 1;
+    joseph_of_two |_| 2;
+    joseph_of_three |_| 3;
+    joseph_of_four |_| 4;
+    joseph_of_many |expected: &MeasurementPrediction| expected.m;
+}
+
+#[inline(always)]
+fn joseph(
+    n: usize,
+    m: usize,
+    expected: &MeasurementPrediction,
+    prior: GaussianRef<'_>,
+    innovation: &[f64],
+    scratch: &mut Scratch,
+    out: Posterior<'_>,
+) {
+    let hp = &expected.cross[..m * n];
+    let Scratch { gain, left, seen, rest } = scratch;
+    let (gain, left, seen, rest) = (
+        &mut gain[..m * n],
+        &mut left[..n * n],
+        &mut seen[..m * n],
+        &mut rest[..m * n],
+    );
+    let (innovation, lower) = (&innovation[..m], &expected.lower[..m * m]);
+    gain.copy_from_slice(hp);
+    kernel::solve_lower(m, n, lower, gain);
+    kernel::solve_upper(m, n, lower, gain);
+    out.mean.copy_from_slice(prior.mean);
+    for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
+        kernel::add_scaled(out.mean, r, row);
+    }
+    kernel::add_transposed_product(n, prior.cov, -1.0, hp, gain, left);
+    expected.sparse.multiply(n, left, seen);
+    kernel::multiply_sparse(m, n, &expected.noise, gain, rest);
+    for (x, y) in rest.iter_mut().zip(seen.iter()) {
+        *x -= y;
+    }
+    kernel::add_transposed_product(n, left, 1.0, gain, rest, out.cov);
+    kernel::symmetrise(n, out.cov);
+}
+
+/// An update by the observed components of a measurement. Its memory serves one epoch after another.
+#[derive(Debug, Clone)]
+pub(super) struct Correction {
+    pub(super) posterior: Gaussian,
+    pub(super) nis: f64,
+    pub(super) dof: usize,
+    pub(super) log_likelihood: f64,
+    observed: Vec<usize>,
+    /// The innovation of the observed components, and L⁻¹ times it.
+    innovation: Vec<f64>,
+    whitened: Vec<f64>,
+    part: MeasurementPrediction,
+    scratch: Scratch,
+}
+
+impl Correction {
+    pub(super) fn new(n: usize, m: usize) -> Self {
+        Self {
+            posterior: Gaussian {
+                mean: DVector::zeros(n),
+                cov: DMatrix::zeros(n, n),
+            },
+            nis: f64::NAN,
+            dof: 0,
+            log_likelihood: 0.0,
+            observed: Vec::with_capacity(m),
+            innovation: Vec::with_capacity(m),
+            whitened: Vec::with_capacity(m),
+            part: MeasurementPrediction::sized(n, 0),
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Updates `prior`; NaN components of the innovation count as not observed.
+    pub(super) fn apply(
+        &mut self,
+        expected: &MeasurementPrediction,
+        prior: GaussianRef<'_>,
+        innovation: &[f64],
+    ) -> Result<()> {
+        self.observed.clear();
+        self.innovation.clear();
+        for (index, &r) in innovation.iter().enumerate() {
+            if r.is_infinite() {
+                return Err(Error::NonFinite {
+                    what: "measurement".into(),
+                    index,
+                });
+            }
+            if !r.is_nan() {
+                self.observed.push(index);
+                self.innovation.push(r);
+            }
+        }
+        let used = self.used(expected)?;
+        if !used {
+            self.posterior.mean.as_mut_slice().copy_from_slice(prior.mean);
+            self.posterior.cov.as_mut_slice().copy_from_slice(prior.cov);
+        }
+        let all = self.observed.len() == innovation.len();
+        let expected = if all { expected } else { &self.part };
+        self.whitened.clone_from(&self.innovation);
+        kernel::solve_lower(expected.m, 1, &expected.lower, &mut self.whitened);
+        self.nis = kernel::dot(&self.whitened, &self.whitened);
+        self.dof = self.observed.len();
+        self.log_likelihood = expected.log_likelihood(self.nis);
+        if used {
+            expected.posterior_into(prior, &self.innovation, &mut self.scratch, &mut self.posterior);
+        }
+        Ok(())
+    }
+
+    /// The posterior of the observed components again, for another linearisation with this innovation.
+    pub(super) fn again(
+        &mut self,
+        expected: &MeasurementPrediction,
+        prior: GaussianRef<'_>,
+        innovation: &[f64],
+    ) -> Result<()> {
+        self.innovation.clear();
+        self.innovation.extend(self.observed.iter().map(|&i| innovation[i]));
+        if self.used(expected)? {
+            let all = self.observed.len() == innovation.len();
+            let expected = if all { expected } else { &self.part };
+            expected.posterior_into(prior, &self.innovation, &mut self.scratch, &mut self.posterior);
+        }
+        Ok(())
+    }
+
+    /// Prepares the part of the observed components where some are missing; whether there are any.
+    fn used(&mut self, expected: &MeasurementPrediction) -> Result<bool> {
+        if self.observed.len() < expected.m {
+            expected.select_into(&self.observed, &mut self.part)?;
+        }
+        Ok(!self.observed.is_empty())
+    }
+
+    /// The update as a record.
+    pub(super) fn record(self, expected: &MeasurementPrediction, innovation: DVector<f64>) -> Update {
+        let mut whitened = DVector::from_element(innovation.len(), f64::NAN);
+        for (&i, &value) in self.observed.iter().zip(&self.whitened) {
+            whitened[i] = value;
+        }
+        Update {
+            posterior: self.posterior,
+            innovation,
+            innovation_cov: expected.cov.clone(),
+            whitened,
+            nis: self.nis,
+            dof: self.dof,
+            log_likelihood: self.log_likelihood,
+        }
+    }
+}

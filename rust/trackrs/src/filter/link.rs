@@ -1,0 +1,208 @@
+//! The way from one epoch of a filter back to the one before it.
+//!
+//! | symbol   | name here   | shape  | meaning                                                             |
+//! |----------|-------------|--------|---------------------------------------------------------------------|
+//! | x_i, P_i | `filtered`  | n, n×n | estimate of epoch i given the data to i                             |
+//! | x⁻, P⁻   | `predicted` | n, n×n | estimate of epoch i given the data to i−1                           |
+//! | F, Q     | `transition`, `noise` | n×n | of the step from i−1 to i                                    |
+//! | C        | `gain`      | n×n    | smoother gain from i to i−1; kept together with Cᵀ                  |
+//! | D        | `rest`      | n×n    | covariance of epoch i−1 if epoch i were known and no data after i−1 |
+//!
+//! C = P_{i−1} Fᵀ (P⁻)⁻¹, by solving with the Cholesky factor of P⁻                                  (U14)
+//! x_{i−1} = x + C (x_i − x⁻) + N(0, D),  D = (I − C F) P_{i−1} (I − C F)ᵀ + C Q Cᵀ                  (U15)
+//! lag one: cov(x_i, x_{i−1} | data to k) = P_{i|k} Cᵀ                                               (U16)
+//! A link does not depend on data after i−1.
+//!
+//! Reference and deviations: see [`super::smoother`].
+
+use crate::error::{Error, Result};
+use crate::gaussian::GaussianRef;
+use crate::linalg::kernel::{self, BadPivot, known, sized};
+
+/// The step that leads to an epoch.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Step<'a> {
+    /// Its number in the run, which errors name.
+    pub(super) number: usize,
+    pub(super) predicted: GaussianRef<'a>,
+    pub(super) transition: &'a [f64],
+    pub(super) noise: &'a [f64],
+}
+
+/// The way back: x_{i−1} = x + C (x_i − x⁻) + N(0, D).
+#[derive(Debug, Clone)]
+pub(super) struct Link {
+    n: usize,
+    before: Vec<f64>,
+    predicted: Vec<f64>,
+    gain: Vec<f64>,
+    gain_transposed: Vec<f64>,
+    rest: Vec<f64>,
+}
+
+/// Matrices on the way to a link or back along one.
+#[derive(Debug, Clone)]
+pub(super) struct LinkScratch {
+    lower: Vec<f64>,
+    first: Vec<f64>,
+    second: Vec<f64>,
+    third: Vec<f64>,
+    offset: Vec<f64>,
+}
+
+impl LinkScratch {
+    pub(super) fn new(n: usize) -> Self {
+        let square = || vec![0.0; n * n];
+        Self {
+            lower: square(),
+            first: square(),
+            second: square(),
+            third: square(),
+            offset: vec![0.0; n],
+        }
+    }
+
+    /// The factor of P⁻ of the link made last, in the lower half; only after a link with [`Link::set`] giving true.
+    pub(super) fn lower(&self) -> &[f64] {
+        &self.lower
+    }
+}
+
+impl Link {
+    /// Memory for states of length n.
+    pub(super) fn new(n: usize) -> Self {
+        Self {
+            n,
+            before: vec![0.0; n],
+            predicted: vec![0.0; n],
+            gain: vec![0.0; n * n],
+            gain_transposed: vec![0.0; n * n],
+            rest: vec![0.0; n * n],
+        }
+    }
+
+    /// x⁻, the prediction of the later epoch.
+    pub(super) fn predicted(&self) -> &[f64] {
+        &self.predicted
+    }
+
+    /// Makes this the link from the end of `step` to the filtered estimate `before` it. False where nothing moves and no
+    /// noise enters: then C = I, and P⁻ need not have a factor.
+    pub(super) fn set(&mut self, before: GaussianRef<'_>, step: &Step<'_>, scratch: &mut LinkScratch) -> Result<bool> {
+        let n = self.n;
+        self.before.copy_from_slice(before.mean);
+        self.predicted.copy_from_slice(step.predicted.mean);
+        let moves = !identity(n, step.transition) || step.noise.iter().any(|&q| q != 0.0);
+        if moves {
+            sized!(factor(n, step.predicted.cov, &mut scratch.lower)).map_err(|pivot| singular(pivot, step.number))?;
+        }
+        sized!(fill(n, self, before.cov, step, moves, scratch));
+        Ok(moves)
+    }
+
+    /// The estimate of the earlier epoch, from that of the later one.
+    pub(super) fn back(&self, later: GaussianRef<'_>, scratch: &mut LinkScratch, mean: &mut [f64], cov: &mut [f64]) {
+        let n = self.n;
+        sized!(back(n, self, later, scratch, mean, cov));
+    }
+
+    /// cov(x_i, x_{i−1}) from the covariance of the later epoch, n×n row by row.
+    pub(super) fn lag_one(&self, later_cov: &[f64], out: &mut [f64]) {
+        let n = self.n;
+        kernel::multiply(n, n, later_cov, &self.gain_transposed, out);
+    }
+}
+
+fn identity(n: usize, matrix: &[f64]) -> bool {
+    let one = |i: usize| if i % (n + 1) == 0 { 1.0 } else { 0.0 };
+    matrix.iter().enumerate().all(|(i, &value)| value == one(i))
+}
+
+fn singular(pivot: BadPivot, step: usize) -> Error {
+    Error::NotPositiveDefinite {
+        what: format!("predicted covariance at step {step}"),
+        pivot: pivot.index,
+        value: pivot.value,
+    }
+}
+
+/// The factor of P⁻. A pivot within rounding of zero is refused too: the gain would be noise, and whether a singular
+/// matrix leaves +1e-17 or −1e-17 there is chance.
+fn factor<const N: usize>(n: usize, cov: &[f64], lower: &mut [f64]) -> std::result::Result<(), BadPivot> {
+    let n = known::<N>(n);
+    lower.copy_from_slice(cov);
+    kernel::cholesky(n, lower)?;
+    for i in 0..n {
+        let value = lower[i * n + i] * lower[i * n + i];
+        if value <= n as f64 * f64::EPSILON * cov[i * n + i] {
+            return Err(BadPivot { index: i, value });
+        }
+    }
+    Ok(())
+}
+
+fn fill<const N: usize>(
+    n: usize,
+    link: &mut Link,
+    cov: &[f64],
+    step: &Step<'_>,
+    moves: bool,
+    scratch: &mut LinkScratch,
+) {
+    let n = known::<N>(n);
+    let (f, q) = (step.transition, step.noise);
+    let (gain, gain_transposed, rest) = (&mut link.gain, &mut link.gain_transposed, &mut link.rest);
+    let LinkScratch {
+        lower,
+        first,
+        second,
+        third,
+        ..
+    } = scratch;
+    if !moves {
+        gain.fill(0.0);
+        (0..n).for_each(|i| gain[i * n + i] = 1.0);
+        gain_transposed.copy_from_slice(gain);
+        rest.fill(0.0);
+        return;
+    }
+    kernel::multiply_sparse(n, n, f, cov, gain_transposed);
+    kernel::solve_lower(n, n, lower, gain_transposed);
+    kernel::solve_upper(n, n, lower, gain_transposed);
+    kernel::transpose(n, gain_transposed, gain);
+    // I − C F, its transpose, and what it makes of P.
+    kernel::multiply(n, n, gain, f, first);
+    for (i, x) in first.iter_mut().enumerate() {
+        *x = if i % (n + 1) == 0 { 1.0 } else { 0.0 } - *x;
+    }
+    kernel::transpose(n, first, second);
+    kernel::multiply(n, n, first, cov, third);
+    rest.fill(0.0);
+    kernel::add_product_lower(n, n, third, second, rest);
+    kernel::multiply(n, n, gain, q, third);
+    kernel::add_product_lower(n, n, third, gain_transposed, rest);
+    kernel::mirror(n, rest);
+}
+
+fn back<const N: usize>(
+    n: usize,
+    link: &Link,
+    later: GaussianRef<'_>,
+    scratch: &mut LinkScratch,
+    mean: &mut [f64],
+    cov: &mut [f64],
+) {
+    let n = known::<N>(n);
+    let LinkScratch { first, offset, .. } = scratch;
+    for ((d, x), predicted) in offset.iter_mut().zip(later.mean).zip(&link.predicted) {
+        *d = x - predicted;
+    }
+    mean.copy_from_slice(&link.before);
+    for (k, &d) in offset.iter().enumerate() {
+        kernel::add_scaled(mean, d, &link.gain_transposed[k * n..(k + 1) * n]);
+    }
+    kernel::multiply(n, n, &link.gain, later.cov, first);
+    cov.copy_from_slice(&link.rest);
+    kernel::add_product_lower(n, n, first, &link.gain_transposed, cov);
+    kernel::mirror(n, cov);
+}

@@ -1,0 +1,335 @@
+//! The small dense operations of a filter, on slices that already have their size: no memory is taken here.
+//!
+//! Matrices are row-major. Each product adds multiples of rows of length n to a row, so that the innermost loop runs over
+//! contiguous numbers and no sum is reordered: the results are the same bits on every CPU and for every way the loops are
+//! compiled. [`sized!`] calls what is made of them with n as a constant for the sizes that states commonly have. It is the
+//! same source, so the results are equal bit for bit; the constant lets the compiler unroll the inner loops.
+//!
+//! Cholesky row by row: L_ij = (A_ij − Σ_k L_ik L_jk) / L_jj,  L_jj = sqrt(A_jj − Σ_k L_jk²).
+//! Reference: Golub, Van Loan (2013), Matrix Computations, §4.2.
+
+/// Calls a kernel `fn name<const N: usize>(n: usize, ...)` with N the first argument where that is a common size, else 0.
+/// The kernel begins with `let n = known::<N>(n);`.
+macro_rules! sized {
+    ($kernel:ident($n:expr $(, $argument:expr)* $(,)?)) => {
+        match $n {
+            2 => $kernel::<2>(2 $(, $argument)*),
+            3 => $kernel::<3>(3 $(, $argument)*),
+            4 => $kernel::<4>(4 $(, $argument)*),
+            6 => $kernel::<6>(6 $(, $argument)*),
+            9 => $kernel::<9>(9 $(, $argument)*),
+            n => $kernel::<0>(n $(, $argument)*),
+        }
+    };
+}
+pub(crate) use sized;
+
+/// The size that a kernel was compiled for, or the one it is called with.
+#[inline(always)]
+pub(crate) fn known<const N: usize>(n: usize) -> usize {
+    if N == 0 { n } else { N }
+}
+
+/// `row` += `factor` × `other`, two at a time: written so, it becomes vector instructions wherever it is unrolled.
+#[inline(always)]
+pub(crate) fn add_scaled(row: &mut [f64], factor: f64, other: &[f64]) {
+    let size = row.len().min(other.len());
+    let (pairs, last) = row[..size].as_chunks_mut::<2>();
+    let (other_pairs, other_last) = other[..size].as_chunks::<2>();
+    for (x, y) in pairs.iter_mut().zip(other_pairs) {
+        *x = [x[0] + factor * y[0], x[1] + factor * y[1]];
+    }
+    add_part(last, factor, other_last);
+}
+
+/// The same for a row whose length is not a constant.
+#[inline(always)]
+fn add_part(row: &mut [f64], factor: f64, other: &[f64]) {
+    for (x, y) in row.iter_mut().zip(other) {
+        *x += factor * y;
+    }
+}
+
+/// `out` (r×n) = A (r×k) B (k×n).
+#[inline(always)]
+pub(crate) fn multiply(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    for (row, coefficients) in out.chunks_exact_mut(n.max(1)).zip(a.chunks_exact(k.max(1))) {
+        row.fill(0.0);
+        for (&factor, other) in coefficients.iter().zip(b.chunks_exact(n.max(1))) {
+            add_scaled(row, factor, other);
+        }
+    }
+}
+
+/// The same for an A of many zeros, whose rows of B are left out.
+#[inline(always)]
+pub(crate) fn multiply_sparse(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    for (row, coefficients) in out.chunks_exact_mut(n.max(1)).zip(a.chunks_exact(k.max(1))) {
+        row.fill(0.0);
+        for (&factor, other) in coefficients.iter().zip(b.chunks_exact(n.max(1))) {
+            if factor != 0.0 {
+                add_scaled(row, factor, other);
+            }
+        }
+    }
+}
+
+/// Adds the lower half of A (n×k) B (k×n) to that of `out`.
+#[inline(always)]
+pub(crate) fn add_product_lower(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    let rows = out.chunks_exact_mut(n.max(1)).zip(a.chunks_exact(k.max(1)));
+    for (i, (row, coefficients)) in rows.enumerate() {
+        let row = &mut row[..=i];
+        for (&factor, other) in coefficients.iter().zip(b.chunks_exact(n.max(1))) {
+            add_part(row, factor, other);
+        }
+    }
+}
+
+/// `out` = C + `sign` × Aᵀ B (n×n), A and B being k×n. One row after the other stays where it is quickly reached.
+#[inline(always)]
+pub(crate) fn add_transposed_product(n: usize, c: &[f64], sign: f64, a: &[f64], b: &[f64], out: &mut [f64]) {
+    let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
+    for (i, (row, start)) in rows.enumerate() {
+        row.copy_from_slice(start);
+        for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
+            add_scaled(row, sign * left[i], right);
+        }
+    }
+}
+
+/// The numbers of a matrix that are not zero, row by row, for one that is used again and again.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Sparse {
+    /// Where each row ends among the entries.
+    ends: Vec<usize>,
+    /// Column and value.
+    entries: Vec<(usize, f64)>,
+}
+
+impl Sparse {
+    /// Takes over a matrix of rows of length n.
+    pub(crate) fn set(&mut self, n: usize, matrix: &[f64]) {
+        self.ends.clear();
+        self.entries.clear();
+        for row in matrix.chunks_exact(n.max(1)) {
+            let filled = row.iter().copied().enumerate().filter(|&(_, value)| value != 0.0);
+            self.entries.extend(filled);
+            self.ends.push(self.entries.len());
+        }
+    }
+
+    /// `out` = A B, B with rows of length n.
+    #[inline(always)]
+    pub(crate) fn multiply(&self, n: usize, b: &[f64], out: &mut [f64]) {
+        let mut from = 0;
+        for (row, &to) in out.chunks_exact_mut(n.max(1)).zip(&self.ends) {
+            row.fill(0.0);
+            for &(k, factor) in &self.entries[from..to] {
+                add_scaled(row, factor, &b[k * n..(k + 1) * n]);
+            }
+            from = to;
+        }
+    }
+
+    /// `out` = A B + C, B and C with rows of length n.
+    #[inline(always)]
+    pub(crate) fn multiply_add(&self, n: usize, b: &[f64], c: &[f64], out: &mut [f64]) {
+        let mut from = 0;
+        let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
+        for ((row, start), &to) in rows.zip(&self.ends) {
+            row.copy_from_slice(start);
+            for &(k, factor) in &self.entries[from..to] {
+                add_scaled(row, factor, &b[k * n..(k + 1) * n]);
+            }
+            from = to;
+        }
+    }
+
+    /// Row `index` of A times a vector.
+    #[inline(always)]
+    pub(crate) fn row_dot(&self, index: usize, vector: &[f64]) -> f64 {
+        let from = if index == 0 { 0 } else { self.ends[index - 1] };
+        let entries = &self.entries[from..self.ends[index]];
+        entries.iter().fold(0.0, |sum, &(k, value)| sum + value * vector[k])
+    }
+}
+
+/// Σ a_i b_i from the first to the last.
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for (x, y) in a.iter().zip(b) {
+        sum += x * y;
+    }
+    sum
+}
+
+/// `out` = Aᵀ of an n×n matrix.
+#[inline(always)]
+pub(crate) fn transpose(n: usize, a: &[f64], out: &mut [f64]) {
+    let (a, out) = (&a[..n * n], &mut out[..n * n]);
+    for i in 0..n {
+        for j in 0..n {
+            out[j * n + i] = a[i * n + j];
+        }
+    }
+}
+
+/// Replaces A (n×n) by (A + Aᵀ)/2, so that it is symmetric bit for bit: half the rounding errors of the two halves.
+#[inline(always)]
+pub(crate) fn symmetrise(n: usize, a: &mut [f64]) {
+    let a = &mut a[..n * n];
+    for i in 1..n {
+        for j in 0..i {
+            let mean = 0.5 * (a[i * n + j] + a[j * n + i]);
+            a[i * n + j] = mean;
+            a[j * n + i] = mean;
+        }
+    }
+}
+
+/// Makes A (n×n) symmetric bit for bit: its lower half is copied to the upper one.
+#[inline(always)]
+pub(crate) fn mirror(n: usize, a: &mut [f64]) {
+    let a = &mut a[..n * n];
+    for i in 1..n {
+        for j in 0..i {
+            a[j * n + i] = a[i * n + j];
+        }
+    }
+}
+
+/// A pivot that is not positive and finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct BadPivot {
+    pub(crate) index: usize,
+    pub(crate) value: f64,
+}
+
+/// Replaces the lower half of A (n×n) by its factor L; above the diagonal nothing is read or written.
+#[inline(always)]
+pub(crate) fn cholesky(n: usize, a: &mut [f64]) -> Result<(), BadPivot> {
+    for i in 0..n {
+        for j in 0..=i {
+            let sum = (0..j).fold(a[i * n + j], |sum, k| sum - a[i * n + k] * a[j * n + k]);
+            if j < i {
+                a[i * n + j] = sum / a[j * n + j];
+            } else if sum > 0.0 && sum.is_finite() {
+                a[j * n + j] = sum.sqrt();
+            } else {
+                return Err(BadPivot { index: j, value: sum });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The rows of `b` (m×w) become those of L⁻¹ B.
+#[inline(always)]
+pub(crate) fn solve_lower(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
+    for i in 0..m {
+        let (before, rest) = b.split_at_mut(i * w);
+        let row = &mut rest[..w];
+        for (k, other) in before.chunks_exact(w.max(1)).enumerate() {
+            add_scaled(row, -l[i * m + k], other);
+        }
+        let inverse = 1.0 / l[i * m + i];
+        row.iter_mut().for_each(|x| *x *= inverse);
+    }
+}
+
+/// The rows of `b` (m×w) become those of L⁻ᵀ B.
+#[inline(always)]
+pub(crate) fn solve_upper(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
+    for i in (0..m).rev() {
+        let (start, after) = b.split_at_mut((i + 1) * w);
+        let row = &mut start[i * w..];
+        for (k, other) in after.chunks_exact(w.max(1)).enumerate() {
+            add_scaled(row, -l[(i + 1 + k) * m + i], other);
+        }
+        let inverse = 1.0 / l[i * m + i];
+        row.iter_mut().for_each(|x| *x *= inverse);
+    }
+}
+
+/// ln det (L Lᵀ). The pivots are multiplied as far as they neither overflow nor vanish: one logarithm instead of n.
+#[inline(always)]
+pub(crate) fn log_determinant(n: usize, l: &[f64]) -> f64 {
+    let mut product = 1.0;
+    let mut sum = 0.0;
+    for i in 0..n {
+        product *= l[i * n + i];
+        if !(1e-100..1e100).contains(&product) {
+            sum += libm::log(product);
+            product = 1.0;
+        }
+    }
+    2.0 * (sum + libm::log(product))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+        let n = known::<N>(n);
+        multiply(n, n, a, b, out);
+    }
+
+    fn numbers(count: usize) -> Vec<f64> {
+        (0..count).map(|i| ((i * 7 + 3) % 11) as f64 - 4.7).collect()
+    }
+
+    #[test]
+    fn a_constant_size_changes_no_bit() {
+        for size in [2, 3, 4, 5, 6, 9, 11] {
+            let (a, b) = (numbers(size * size), numbers(2 * size * size));
+            let (mut constant, mut any) = (vec![0.0; size * size], vec![0.0; size * size]);
+            sized!(square(size, &a, &b[size..], &mut constant));
+            square::<0>(size, &a, &b[size..], &mut any);
+            assert_eq!(constant, any);
+            multiply_sparse(size, size, &a, &b[size..], &mut constant);
+            assert_eq!(constant, any);
+        }
+    }
+
+    #[test]
+    fn a_factor_solves_its_matrix() {
+        for n in [1, 2, 3, 4, 7, 9] {
+            let b = numbers(n * n);
+            let mut bt = b.clone();
+            transpose(n, &b, &mut bt);
+            let mut a = vec![0.0; n * n];
+            multiply(n, n, &b, &bt, &mut a);
+            (0..n).for_each(|i| a[i * n + i] += 1.0);
+            let mut l = a.clone();
+            cholesky(n, &mut l).unwrap();
+            let mut x = numbers(n * 2);
+            solve_lower(n, 2, &l, &mut x);
+            solve_upper(n, 2, &l, &mut x);
+            let mut back = vec![0.0; n * 2];
+            multiply(n, 2, &a, &x, &mut back);
+            for (found, expected) in back.iter().zip(numbers(n * 2)) {
+                assert!((found - expected).abs() < 1e-10, "{n}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_logarithm_of_a_determinant_neither_overflows_nor_vanishes() {
+        let diagonal: [f64; 4] = [1e-200, 1e-200, 1e250, 3.0];
+        let mut l = vec![0.0; 16];
+        (0..4).for_each(|i| l[5 * i] = diagonal[i]);
+        let expected: f64 = diagonal.iter().map(|d| 2.0 * d.ln()).sum();
+        assert!((log_determinant(4, &l) - expected).abs() < 1e-10);
+    }
+
+    #[test]
+    fn a_bad_pivot_is_named() {
+        let mut a = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0];
+        assert_eq!(cholesky(3, &mut a), Err(BadPivot { index: 1, value: -1.0 }));
+        let mut a = [1.0, 0.0, f64::NAN, 1.0];
+        assert!(cholesky(2, &mut a).is_err());
+    }
+}
