@@ -2,6 +2,8 @@
 
 mod kinematic;
 mod linear;
+mod rigid_body;
+mod singer;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -9,8 +11,12 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::space::StateSpace;
+
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 pub use linear::LinearMotion;
+pub use rigid_body::RigidBody;
+pub use singer::Singer;
 
 /// How a state moves on by `dt` seconds. `dt = 0` must be the identity without noise.
 pub trait Motion: Debug + Send + Sync {
@@ -26,12 +32,20 @@ pub trait Motion: Debug + Send + Sync {
     fn jacobian(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64>;
     /// Q: covariance of the noise gathered in `dt` seconds, n×n.
     fn noise(&self, dt: f64) -> DMatrix<f64>;
+    /// The same where it depends on the state.
+    fn noise_at(&self, _state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.noise(dt)
+    }
     /// Whether f is linear, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
     /// How noise of a fixed covariance enters the state over `dt`, for models that have it so; what an estimator of the
     /// noise can estimate.
     fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
         None
+    }
+    /// Where the states live: `jacobian`, `noise` and covariances are those of its differences.
+    fn space(&self) -> StateSpace {
+        StateSpace::euclidean(self.state_dim())
     }
 }
 
@@ -55,8 +69,12 @@ pub enum MotionModel {
     ConstantVelocity(ConstantVelocity),
     /// See [`ConstantAcceleration`].
     ConstantAcceleration(ConstantAcceleration),
+    /// See [`Singer`].
+    Singer(Singer),
     /// See [`LinearMotion`].
     Linear(LinearMotion),
+    /// See [`RigidBody`].
+    RigidBody(Box<RigidBody>),
     /// A model from outside the library. It cannot be saved.
     #[serde(skip)]
     Custom(Arc<dyn Motion>),
@@ -68,7 +86,9 @@ impl MotionModel {
             Self::RandomWalk(m) => m,
             Self::ConstantVelocity(m) => m,
             Self::ConstantAcceleration(m) => m,
+            Self::Singer(m) => m,
             Self::Linear(m) => m,
+            Self::RigidBody(m) => m.as_ref(),
             Self::Custom(m) => m.as_ref(),
         }
     }
@@ -98,5 +118,11 @@ impl Motion for MotionModel {
     }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         self.as_motion().noise_input(dt)
+    }
+    fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.as_motion().noise_at(state, dt)
+    }
+    fn space(&self) -> StateSpace {
+        self.as_motion().space()
     }
 }
