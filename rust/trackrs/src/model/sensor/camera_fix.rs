@@ -35,8 +35,8 @@ const MAX_ITERATIONS: usize = 100;
 const MAX_DAMPING: f64 = 1e12;
 /// The iteration has converged when a full step is shorter than this in standard deviations of the pose…
 const TOLERANCE: f64 = 1e-7;
-/// …or than this share of the distance and of a radian, where rounding is larger than the noise.
-const ROUNDING: f64 = 1e-12;
+/// …or than this share of the largest image coordinate, where rounding is that large against the noise.
+const ROUNDING: f64 = 1e-13;
 /// Two solutions closer than this share of the distance and of a radian are one.
 const SAME: f64 = 1e-6;
 /// Least ratio of the eigenvalues of N, its diagonal scaled to 1: below it the points leave a direction undetermined.
@@ -145,6 +145,8 @@ impl CameraSensor {
         let mut here = self.normal(measurement, observed, &pose)?;
         let mut damping = 0.0_f64;
         let more = |damping: f64| (damping * 10.0).max(1e-3);
+        let largest = observed.iter().map(|&i| measurement[i].abs()).fold(0.0, f64::max);
+        let tolerance = TOLERANCE.max(ROUNDING * largest / self.pixel_std());
         for _ in 0..MAX_ITERATIONS {
             if damping > MAX_DAMPING {
                 break;
@@ -157,12 +159,11 @@ impl CameraSensor {
             let right = DMatrix::from_column_slice(6, 1, here.right.as_slice());
             let step: DVector<f64> = factor.solve(&right).column(0).into_owned();
             let trial = pose.moved(&step);
-            let (distance, angle) = (step.rows(0, 3).norm() / pose.position.norm(), step.rows(3, 3).norm());
-            let short = step.dot(&here.right) <= TOLERANCE * TOLERANCE || distance.max(angle) <= ROUNDING;
+            let short = step.dot(&here.right) <= tolerance * tolerance;
             match self.normal(measurement, observed, &trial) {
                 // A full step as short as this ends it, whatever rounding makes of the statistic.
                 Ok(there) if short && damping == 0.0 => return solution(trial, &there),
-                Ok(there) if there.statistic <= here.statistic * (1.0 + 1e-12) => {
+                Ok(there) if there.statistic <= here.statistic + tolerance * (1.0 + here.statistic.sqrt()) => {
                     pose = trial;
                     here = there;
                     damping = if damping < 1e-3 { 0.0 } else { damping / 10.0 };
