@@ -1,3 +1,4 @@
 //! Distributions.
 
 pub mod chi_square;
+pub mod regular;

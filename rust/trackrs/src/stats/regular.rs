@@ -1,0 +1,259 @@
+//! Time stamps that jitter about a fixed rate: which step of the clock each of them is.
+//!
+//! | symbol | name here | meaning                                                                   |
+//! |--------|-----------|---------------------------------------------------------------------------|
+//! | t_i    | `times`   | recorded stamps, s, not decreasing                                        |
+//! | T      | `period`  | of the clock, s                                                           |
+//! | n_i    | `steps`   | whole numbers, n_0 = 0, n_i > n_{i−1}: a gap is a whole number of steps   |
+//! | y_i    | `excess`  | t_i/T − i: constant but for jitter, and up at a gap                       |
+//! | o      | `phase`   | circular mean of y: where between two whole numbers the clock stands      |
+//!
+//! period:  T ← median of the differences, then T ← Σ dt / Σ round(dt/T) until it stays (the median alone is off by a percent
+//!          where the jitter is not symmetric, and a percent is a whole step after a hundred)
+//! steps:   m = round(iso(y) − o), n_i = i + m_i − m_0 with iso the least-squares non-decreasing fit, so that a late stamp with
+//!          an early one behind it is no gap
+//! clock:   t ≈ t̂_0 + n T by least squares, T as well where it is not given; then again until n stays
+//!
+//! Reference: isotonic regression by pooling adjacent violators: Ayer et al. (1955), Annals of Mathematical Statistics 26(4).
+
+use std::f64::consts::TAU;
+
+use crate::error::{Error, Result, require_finite, require_positive};
+
+const MAX_ITERATIONS: usize = 50;
+
+/// Times on a regular clock.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegularTimes {
+    /// t̂_0 + n T, seconds.
+    pub times: Vec<f64>,
+    /// T, seconds.
+    pub period: f64,
+    /// n.
+    pub steps: Vec<i64>,
+    /// Root mean square of the recorded times about the regular ones, seconds.
+    pub jitter: f64,
+}
+
+/// Puts `times` on the steps of a clock, of this `period` if it is given.
+pub fn regularise(times: &[f64], period: Option<f64>) -> Result<RegularTimes> {
+    require_finite("times", times)?;
+    if let Some(pair) = times.windows(2).find(|pair| pair[1] < pair[0]) {
+        let (previous, time) = (pair[0], pair[1]);
+        return Err(Error::TimeReversed { time, previous });
+    }
+    if times.len() < 2 {
+        return Err(Error::invalid("number of times", times.len(), "must be at least 2"));
+    }
+    // Differences from the first keep their digits where stamps are seconds since 1970.
+    let since: Vec<f64> = times.iter().map(|t| t - times[0]).collect();
+    let mut clock = Clock {
+        start: 0.0,
+        period: match period {
+            Some(period) => {
+                require_positive("period", period)?;
+                period
+            }
+            None => first_period(&since)?,
+        },
+    };
+    let mut steps = clock.steps(&since);
+    for _ in 0..MAX_ITERATIONS {
+        clock.fit(&since, &steps, period.is_none());
+        let again = clock.steps(&since);
+        if again == steps {
+            break;
+        }
+        steps = again;
+    }
+    clock.fit(&since, &steps, period.is_none());
+    let regular = |&n: &i64| clock.start + n as f64 * clock.period;
+    let square: f64 = steps
+        .iter()
+        .zip(&since)
+        .map(|(n, t)| (t - regular(n)) * (t - regular(n)))
+        .sum();
+    Ok(RegularTimes {
+        times: steps.iter().map(|n| times[0] + regular(n)).collect(),
+        period: clock.period,
+        jitter: (square / times.len() as f64).sqrt(),
+        steps,
+    })
+}
+
+fn first_period(since: &[f64]) -> Result<f64> {
+    let mut differences: Vec<f64> = since.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    differences.sort_by(f64::total_cmp);
+    let mut period = differences[differences.len() / 2];
+    if !(period > 0.0) {
+        let requirement = "must be given: at least half of the times equal the one before";
+        return Err(Error::invalid("period", "missing", requirement));
+    }
+    let total: f64 = differences.iter().sum();
+    for _ in 0..MAX_ITERATIONS {
+        let count: f64 = differences.iter().map(|d| (d / period).round()).sum();
+        let next = total / count.max(1.0);
+        if next == period {
+            break;
+        }
+        period = next;
+    }
+    Ok(period)
+}
+
+struct Clock {
+    start: f64,
+    period: f64,
+}
+
+impl Clock {
+    fn steps(&self, since: &[f64]) -> Vec<i64> {
+        let excess: Vec<f64> = since
+            .iter()
+            .enumerate()
+            .map(|(i, t)| t / self.period - i as f64)
+            .collect();
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for y in &excess {
+            let (s, c) = libm::sincos(TAU * (y - y.floor()));
+            sine += s;
+            cosine += c;
+        }
+        let phase = libm::atan2(sine, cosine) / TAU;
+        let whole: Vec<f64> = isotonic(&excess).iter().map(|y| (y - phase).round()).collect();
+        whole
+            .iter()
+            .enumerate()
+            .map(|(i, m)| i as i64 + (m - whole[0]) as i64)
+            .collect()
+    }
+
+    fn fit(&mut self, since: &[f64], steps: &[i64], period: bool) {
+        let count = since.len() as f64;
+        let mean_time = since.iter().sum::<f64>() / count;
+        let mean_step = steps.iter().map(|&n| n as f64).sum::<f64>() / count;
+        if period {
+            let (mut across, mut along) = (0.0, 0.0);
+            for (&n, t) in steps.iter().zip(since) {
+                let offset = n as f64 - mean_step;
+                across += offset * (t - mean_time);
+                along += offset * offset;
+            }
+            self.period = across / along;
+        }
+        self.start = mean_time - self.period * mean_step;
+    }
+}
+
+/// The non-decreasing sequence nearest to `values`: neighbours in the wrong order are pooled to their mean.
+fn isotonic(values: &[f64]) -> Vec<f64> {
+    let mut pools: Vec<(f64, usize)> = Vec::with_capacity(values.len());
+    for &value in values {
+        let (mut mean, mut count) = (value, 1);
+        while let Some(&(left, size)) = pools.last().filter(|pool| pool.0 > mean) {
+            mean = (left * size as f64 + mean * count as f64) / (size + count) as f64;
+            count += size;
+            pools.pop();
+        }
+        pools.push((mean, count));
+    }
+    pools
+        .iter()
+        .flat_map(|&(mean, count)| std::iter::repeat_n(mean, count))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn counted_steps_are_the_true_ones(
+            offset in -1e9..1e9_f64, period in 1e-3..10.0_f64,
+            gaps in prop::collection::vec((1_i64..40, 0.0..1.0_f64), 30..120),
+            jitter in prop::collection::vec(-0.3..0.3_f64, 120),
+        ) {
+            let mut steps = vec![0_i64];
+            for (gap, chance) in &gaps {
+                let last = steps[steps.len() - 1];
+                steps.push(last + if *chance < 0.1 { *gap } else { 1 });
+            }
+            let times: Vec<f64> = steps.iter().zip(&jitter).map(|(&n, j)| offset + (n as f64 + j) * period).collect();
+            let found = regularise(&times, Some(period)).unwrap();
+            prop_assert_eq!(&found.steps, &steps);
+            prop_assert_eq!(found.period, period);
+            prop_assert!(found.jitter < 0.31 * period);
+        }
+
+        #[test]
+        fn the_isotonic_fit_is_the_minimum_over_means(values in prop::collection::vec(-5.0..5.0_f64, 1..30)) {
+            // Robertson, Wright, Dykstra (1988), theorem 1.4.4: the fit is the greatest lower mean.
+            let fit = isotonic(&values);
+            for (i, &value) in fit.iter().enumerate() {
+                let mean = |a: usize, b: usize| values[a..=b].iter().sum::<f64>() / (b + 1 - a) as f64;
+                let lower = (0..=i)
+                    .map(|a| (i..values.len()).map(|b| mean(a, b)).fold(f64::INFINITY, f64::min))
+                    .fold(f64::NEG_INFINITY, f64::max);
+                assert_relative_eq!(value, lower, epsilon = 1e-12);
+            }
+        }
+    }
+
+    /// Skewed jitter as of a headset: the median of the differences is a percent below the period.
+    #[test]
+    fn the_period_is_found_where_the_median_is_off() {
+        let period = 1.0 / 60.0;
+        let mut steps = Vec::new();
+        let mut n = 0;
+        for i in 0..4000 {
+            steps.push(n);
+            n += if i % 500 == 499 { 4 } else { 1 };
+        }
+        let late = |i: usize| {
+            if i % 10 == 0 {
+                0.18
+            } else {
+                0.002 * ((i * 7919) % 10) as f64 - 0.018 * (i % 10) as f64
+            }
+        };
+        let times: Vec<f64> = steps
+            .iter()
+            .enumerate()
+            .map(|(i, &n)| (n as f64 + late(i)) * period)
+            .collect();
+        let found = regularise(&times, None).unwrap();
+        assert_eq!(found.steps, steps);
+        assert_relative_eq!(found.period, period, max_relative = 1e-5);
+        assert_relative_eq!(
+            found.times[3000] - found.times[2999],
+            4.0 * found.period,
+            epsilon = 1e-12
+        );
+    }
+
+    #[test]
+    fn a_late_stamp_is_no_gap() {
+        let found = regularise(&[0.0, 1.0, 2.6, 3.0, 4.0, 5.0], None).unwrap();
+        assert_eq!(found.steps, [0, 1, 2, 3, 4, 5]);
+        let gap = regularise(&[0.0, 1.0, 3.1, 4.0, 5.0, 6.0], Some(1.0)).unwrap();
+        assert_eq!(gap.steps, [0, 1, 3, 4, 5, 6]);
+    }
+
+    #[test]
+    fn bad_times_are_refused() {
+        assert!(matches!(
+            regularise(&[0.0, 1.0, 0.5], None),
+            Err(Error::TimeReversed { time: 0.5, .. })
+        ));
+        assert!(matches!(
+            regularise(&[0.0, f64::NAN], None),
+            Err(Error::NonFinite { index: 1, .. })
+        ));
+        for (times, period) in [(&[0.0][..], None), (&[0.0, 1.0], Some(0.0)), (&[1.0, 1.0, 1.0], None)] {
+            assert!(matches!(regularise(times, period), Err(Error::InvalidParameter { .. })));
+        }
+    }
+}
