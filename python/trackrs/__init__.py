@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import geodesy
+    from trackrs import geodesy, rotation
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
@@ -43,8 +43,10 @@ if TYPE_CHECKING:
         ospa,
         rmse,
     )
-    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
+    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
+    from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
         Event,
@@ -65,6 +67,7 @@ __all__ = [
     "OSPA",
     "Assignment",
     "BusyError",
+    "CameraSensor",
     "ChiSquareScreen",
     "ClutterMap",
     "ConstantAcceleration",
@@ -94,11 +97,15 @@ __all__ = [
     "OspaDistance",
     "Pair",
     "ParameterError",
+    "PoseFix",
+    "PoseSensor",
     "PositionSensor",
     "RandomWalk",
     "RangeArray",
     "RangeBearing",
+    "RegularTimes",
     "Scan",
+    "Singer",
     "SmoothedRun",
     "StateError",
     "StrictError",
@@ -120,13 +127,28 @@ __all__ = [
     "nees",
     "nis",
     "ospa",
+    "regularise",
     "rmse",
+    "rotation",
 ]
 
-_MODULES = ("geodesy",)
+_MODULES = ("geodesy", "rotation")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
-_HOMES = ("adaptive", "association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
+_HOMES = (
+    "adaptive",
+    "association",
+    "errors",
+    "filter",
+    "gating",
+    "metric",
+    "motion",
+    "pose",
+    "sensor",
+    "timing",
+    "tracker",
+    "types",
+)
 
 
 def __getattr__(name: str) -> object:

@@ -9,6 +9,7 @@ mod filter;
 mod geodesy;
 mod metric;
 mod model;
+mod rotation;
 mod smoother;
 mod stats;
 mod tracker;
@@ -30,9 +31,13 @@ mod _trackrs {
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
     #[pymodule_export]
+    use crate::rotation::{
+        rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_vectors,
+    };
+    #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]
-    use crate::stats::chi_square_quantile;
+    use crate::stats::{chi_square_quantile, regularise};
     #[pymodule_export]
     use crate::tracker::Tracker;
 

@@ -1,14 +1,17 @@
 //! Motion and sensor models.
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix3};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk};
-use trackrs::model::sensor::{
-    LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing, Side, SoundSpeed, SpeedProfile,
-    check_platform,
+use trackrs::error::require_size;
+use trackrs::model::motion::{
+    ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk, Singer,
 };
-use trackrs::model::{Motion as _, MotionModel, Sensor as _, SensorModel};
+use trackrs::model::sensor::{
+    AttitudeForm, CameraSensor, Intrinsics, LinearSensor, PoseSensor, PositionSensor, RangeArray, RangeArraySettings,
+    RangeBearing, Side, SoundSpeed, SpeedProfile, check_platform,
+};
+use trackrs::model::{Motion as _, MotionModel, Rotation, Sensor as _, SensorModel};
 use trackrs::{Error, Result};
 
 use crate::array;
@@ -50,6 +53,14 @@ impl Motion {
         let model = compute(py, || ConstantAcceleration::new(kinematic_noise(psd, values)))?;
         Ok(Self {
             model: MotionModel::ConstantAcceleration(model),
+        })
+    }
+
+    #[staticmethod]
+    fn singer(py: Python<'_>, accel_std: Vec<f64>, time_constant: Vec<f64>, accel_psd: Vec<f64>) -> PyResult<Self> {
+        let model = compute(py, || Singer::new(accel_std, time_constant, accel_psd))?;
+        Ok(Self {
+            model: MotionModel::Singer(model),
         })
     }
 
@@ -102,6 +113,25 @@ pub(crate) struct Fix<'py> {
     dof: usize,
     p_value: f64,
     mirror: Option<Bound<'py, PyArray1<f64>>>,
+}
+
+/// What a pose fix gives; quaternions are w, x, y, z.
+#[derive(IntoPyObject)]
+pub(crate) struct PoseFix<'py> {
+    position: Bound<'py, PyArray1<f64>>,
+    quaternion: Bound<'py, PyArray1<f64>>,
+    cov: Bound<'py, PyArray2<f64>>,
+    statistic: f64,
+    dof: usize,
+    p_value: f64,
+    /// Position and quaternion.
+    mirror: Option<Bound<'py, PyArray1<f64>>>,
+}
+
+/// Position and quaternion of a position and rotation vector.
+fn with_quaternion(pose: &DVector<f64>) -> Vec<f64> {
+    let quaternion = Rotation::from_vector(&pose.fixed_rows::<3>(3).into_owned()).quaternion();
+    [&pose.as_slice()[..3], &quaternion].concat()
 }
 
 fn side(name: Option<&str>) -> Result<Option<Side>> {
@@ -182,6 +212,79 @@ impl Sensor {
     fn position(py: Python<'_>, std: Vec<f64>) -> PyResult<Self> {
         Ok(Self {
             model: SensorModel::Position(compute(py, || PositionSensor::new(std))?),
+        })
+    }
+
+    #[pyo3(signature = (angle_std, attitude, position_std=None))]
+    #[staticmethod]
+    fn pose(py: Python<'_>, angle_std: [f64; 3], attitude: &str, position_std: Option<[f64; 3]>) -> PyResult<Self> {
+        let model = compute(py, || {
+            let form = match attitude {
+                "euler" => AttitudeForm::Euler,
+                "quaternion" => AttitudeForm::Quaternion,
+                other => return Err(Error::invalid("attitude", other, "must be euler or quaternion")),
+            };
+            PoseSensor::new(position_std, angle_std, form)
+        })?;
+        Ok(Self {
+            model: SensorModel::Pose(model),
+        })
+    }
+
+    /// Reports of a pose sensor as measurements.
+    fn measurements<'py>(
+        &self,
+        py: Python<'py>,
+        values: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let reports = array::rows(&values, "values")?;
+        let rows = compute(py, || {
+            let SensorModel::Pose(sensor) = &self.model else {
+                return Ok(reports);
+            };
+            let named = reports.iter().enumerate();
+            named
+                .map(|(row, report)| sensor.measurement(report, &format!("quaternion of row {row}")))
+                .collect()
+        })?;
+        array::from_rows(py, rows.iter(), self.model.measurement_dim())
+    }
+
+    #[staticmethod]
+    fn camera(
+        py: Python<'_>,
+        points: PyReadonlyArray2<'_, f64>,
+        intrinsics: PyReadonlyArray2<'_, f64>,
+        pixel_std: f64,
+    ) -> PyResult<Self> {
+        let points = array::matrix(&points, "points")?;
+        let matrix = array::matrix(&intrinsics, "intrinsics")?;
+        let model = compute(py, || {
+            require_size("rows of intrinsics", 3, matrix.nrows())?;
+            require_size("columns of intrinsics", 3, matrix.ncols())?;
+            let matrix = Matrix3::from_column_slice(matrix.as_slice());
+            CameraSensor::new(points, Intrinsics::from_matrix(&matrix)?, pixel_std)
+        })?;
+        Ok(Self {
+            model: SensorModel::Camera(model),
+        })
+    }
+
+    fn pose_fix<'py>(&self, py: Python<'py>, value: PyReadonlyArray1<'py, f64>) -> PyResult<PoseFix<'py>> {
+        let value = array::vector(&value, "values")?;
+        let fix = compute(py, || match &self.model {
+            SensorModel::Camera(camera) => camera.fix(&value),
+            _ => Err(Error::invalid("sensor", "given", "must be able to fix poses")),
+        })?;
+        let pose = with_quaternion(&fix.position.mean);
+        Ok(PoseFix {
+            position: PyArray1::from_slice(py, &pose[..3]),
+            quaternion: PyArray1::from_slice(py, &pose[3..]),
+            cov: array::from_matrix(py, &fix.position.cov)?,
+            statistic: fix.statistic,
+            dof: fix.dof,
+            p_value: fix.p_value,
+            mirror: fix.mirror.map(|m| PyArray1::from_vec(py, with_quaternion(&m))),
         })
     }
 

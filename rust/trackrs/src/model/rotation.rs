@@ -239,6 +239,14 @@ pub fn right_jacobian_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + cross * 0.5 + cross * cross * second
 }
 
+/// The rotation vector of a recorded quaternion; NaN, not observed, if one of its numbers is.
+pub fn reported_vector(quaternion: [f64; 4], what: &str) -> Result<Vector3<f64>> {
+    if quaternion.iter().any(|c| c.is_nan()) {
+        return Ok(Vector3::repeat(f64::NAN));
+    }
+    Ok(Rotation::from_quaternion(quaternion, what)?.vector())
+}
+
 /// log(exp(a)⁻¹ exp(b)): the rotation from `a` to `b` in body coordinates, at most a half turn.
 pub fn vector_between(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
     (Rotation::from_vector(a).inverse() * Rotation::from_vector(b)).vector()

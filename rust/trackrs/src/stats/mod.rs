@@ -1,4 +1,4 @@
-//! Distributions.
+//! Distributions, and times on a regular clock.
 
 pub mod chi_square;
 pub mod regular;

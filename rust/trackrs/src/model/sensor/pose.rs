@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Motion, Sensor};
 use crate::error::{Error, Result, require_positive, require_size};
-use crate::model::rotation::Rotation;
+use crate::model::rotation::reported_vector;
 
 /// How an attitude is reported and held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,12 +70,8 @@ impl PoseSensor {
         let first = self.std.len() - 3;
         let mut out = report.rows(0, self.std.len()).into_owned();
         let quaternion = [report[first], report[first + 1], report[first + 2], report[first + 3]];
-        if quaternion.iter().any(|c| c.is_nan()) {
-            out.rows_mut(first, 3).fill(f64::NAN);
-        } else {
-            let vector = Rotation::from_quaternion(quaternion, what)?.vector();
-            out.rows_mut(first, 3).copy_from(&vector);
-        }
+        let vector = reported_vector(quaternion, what)?;
+        out.fixed_rows_mut::<3>(first).copy_from(&vector);
         Ok(out)
     }
 }
