@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RigidBody, Singer};
-use trackrs::model::sensor::{AttitudeForm, PoseSensor};
+use trackrs::model::sensor::{AttitudeForm, CameraSensor, Intrinsics, PoseSensor, residual};
 use trackrs::model::{Motion, MotionModel, Rotation, Sensor};
 
 fn accelerating() -> MotionModel {
@@ -98,6 +98,83 @@ fn noise_enters_the_turn_of_the_step() {
     assert!((&expected - &q).component_div(&(&size * size.transpose())).amax() > 0.2);
     assert_eq!(expected, expected.transpose());
     assert_eq!(body.noise(dt), q);
+}
+
+/// How a filter lives on the manifold: predict with `jacobian` and `noise_at`, innovate with `residual`, correct with
+/// `retract`. Its errors, by `difference`, have the covariance that it states.
+#[test]
+fn a_filter_on_the_manifold_is_consistent() {
+    let points = DMatrix::from_row_slice(
+        4,
+        3,
+        &[0.1, 0.0, 0.0, -0.1, 0.1, 0.02, 0.0, -0.1, 0.05, -0.1, -0.05, -0.04],
+    );
+    let intrinsics = Intrinsics::new([1000.0; 2], [640.0, 480.0]).unwrap();
+    let sensors: [&dyn Sensor; 2] = [
+        &PoseSensor::new(Some([2e-3; 3]), [0.01; 3], AttitudeForm::Quaternion).unwrap(),
+        &CameraSensor::new(points, intrinsics, 0.5).unwrap(),
+    ];
+    let base = Singer::new(
+        vec![0.5, 0.5, 0.5, 20.0, 20.0, 20.0],
+        vec![0.3; 6],
+        vec![1e-3, 1e-3, 1e-3, 0.1, 0.1, 0.1],
+    );
+    let body = RigidBody::around(MotionModel::Singer(base.unwrap()), 3).unwrap();
+    let (space, n, dt) = (body.space(), 18, 0.05);
+    for sensor in sensors {
+        let (mut rng, mut nees, mut turned, runs) = (Pcg64::seed_from_u64(9), 0.0, 0.0_f64, 300);
+        for _ in 0..runs {
+            let mut mean = DVector::zeros(n);
+            mean[2] = 1.5;
+            let mut cov = DMatrix::identity(n, n) * 0.01;
+            let mut truth = space.retract(&mean, &DVector::from_fn(n, |_, _| 0.1 * normal(&mut rng)));
+            for _ in 0..25 {
+                let draw = |cov: &DMatrix<f64>, rng: &mut Pcg64| {
+                    let root = nalgebra::Cholesky::new(cov.clone()).unwrap().l();
+                    root * DVector::from_fn(cov.nrows(), |_, _| normal(rng))
+                };
+                let noise = draw(&body.noise_at(&truth, dt), &mut rng);
+                truth = space.retract(&body.propagate(&truth, dt), &noise);
+                let expected = sensor.observe(&truth, None).unwrap();
+                let error = draw(&sensor.noise(), &mut rng);
+                let z = match sensor.rotation() {
+                    Some(at) => {
+                        let space = trackrs::model::StateSpace {
+                            dim: expected.len(),
+                            attitude: Some(at),
+                        };
+                        space.retract(&expected, &error)
+                    }
+                    None => expected + error,
+                };
+                let f = body.jacobian(&mean, dt);
+                cov = &f * cov * f.transpose() + body.noise_at(&mean, dt);
+                mean = body.propagate(&mean, dt);
+                // A second linearisation at the corrected mean, as the first image is seen from 0.1 rad beside.
+                let (prior, spread) = (mean.clone(), cov.clone());
+                for _ in 0..3 {
+                    let h = sensor.jacobian(&mean, None).unwrap();
+                    let s = &h * &spread * h.transpose() + sensor.noise();
+                    let gain = &spread * h.transpose() * s.try_inverse().unwrap();
+                    let back = space.difference(&mean, &prior);
+                    let nu = residual(sensor, &z, &sensor.observe(&mean, None).unwrap()) + &h * &back;
+                    mean = space.retract(&prior, &(&gain * nu));
+                    let left = DMatrix::identity(n, n) - &gain * h;
+                    cov = &left * &spread * left.transpose() + &gain * sensor.noise() * gain.transpose();
+                }
+                turned = turned.max(truth.fixed_rows::<3>(3).norm());
+            }
+            let error = space.difference(&truth, &mean);
+            nees += error.dot(&(cov.try_inverse().unwrap() * &error));
+        }
+        // Attitudes went through the half turn, and the mean of 300 chi-squares of 18 degrees of freedom is 18 ± 0.35.
+        assert!(turned > 3.0, "{turned}");
+        assert!(
+            (nees / f64::from(runs) - 18.0).abs() < 1.4,
+            "{}",
+            nees / f64::from(runs)
+        );
+    }
 }
 
 #[test]

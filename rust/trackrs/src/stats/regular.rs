@@ -8,8 +8,10 @@
 //! | y_i    | `excess`  | t_i/T − i: constant but for jitter, and up at a gap                       |
 //! | o      | `phase`   | circular mean of y: where between two whole numbers the clock stands      |
 //!
-//! period:  T ← median of the differences, then T ← Σ dt / Σ round(dt/T) until it stays (the median alone is off by a percent
-//!          where the jitter is not symmetric, and a percent is a whole step after a hundred)
+//! period:  median of the differences, which is off by a percent where the jitter is not symmetric, a whole step after a
+//!          hundred; then the frequency f with the largest Σ_blocks |Σ exp(2πi f t)|², in blocks of 64 steps and within 5 %
+//!          of the first guess, then in blocks four times as long near the last f, up to all of it. It counts nothing, so
+//!          that gaps and late stamps cannot mislead it
 //! steps:   m = round(iso(y) − o), n_i = i + m_i − m_0 with iso the least-squares non-decreasing fit, so that a late stamp with
 //!          an early one behind it is no gap
 //! clock:   t ≈ t̂_0 + n T by least squares, T as well where it is not given; then again until n stays
@@ -21,6 +23,9 @@ use std::f64::consts::TAU;
 use crate::error::{Error, Result, require_finite, require_positive};
 
 const MAX_ITERATIONS: usize = 50;
+/// Steps in the shortest blocks in which the period is sought, and how far from the median of the differences.
+const FIRST_BLOCK: f64 = 64.0;
+const FIRST_REACH: f64 = 0.05;
 
 /// Times on a regular clock.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,21 +89,44 @@ pub fn regularise(times: &[f64], period: Option<f64>) -> Result<RegularTimes> {
 fn first_period(since: &[f64]) -> Result<f64> {
     let mut differences: Vec<f64> = since.windows(2).map(|pair| pair[1] - pair[0]).collect();
     differences.sort_by(f64::total_cmp);
-    let mut period = differences[differences.len() / 2];
+    let period = differences[differences.len() / 2];
     if !(period > 0.0) {
         let requirement = "must be given: at least half of the times equal the one before";
         return Err(Error::invalid("period", "missing", requirement));
     }
-    let total: f64 = differences.iter().sum();
-    for _ in 0..MAX_ITERATIONS {
-        let count: f64 = differences.iter().map(|d| (d / period).round()).sum();
-        let next = total / count.max(1.0);
-        if next == period {
-            break;
+    let (mut frequency, mut block, mut reach) = (1.0 / period, FIRST_BLOCK, FIRST_REACH);
+    loop {
+        let spacing = 1.0 / (8.0 * block);
+        let span = block * period;
+        let side = (reach / spacing).ceil();
+        let candidates = (0..=(2.0 * side) as usize).map(|k| frequency * (1.0 + (k as f64 - side) * spacing));
+        let scored = candidates.map(|f| (coherence(since, f, span), f));
+        frequency = scored
+            .fold((0.0, frequency), |best, new| if new.0 > best.0 { new } else { best })
+            .1;
+        if since.last().is_none_or(|&last| span >= last) {
+            return Ok(1.0 / frequency);
         }
-        period = next;
+        reach = 1.0 / (2.0 * block);
+        block *= 4.0;
     }
-    Ok(period)
+}
+
+/// Σ |Σ exp(2πi f t)|² over blocks of this many seconds.
+fn coherence(since: &[f64], frequency: f64, block: f64) -> f64 {
+    let (mut total, mut sine, mut cosine, mut end) = (0.0, 0.0, 0.0, block);
+    for &t in since {
+        if t > end {
+            total += sine * sine + cosine * cosine;
+            (sine, cosine) = (0.0, 0.0);
+            end = t + block;
+        }
+        let cycles = frequency * t;
+        let (s, c) = libm::sincos(TAU * (cycles - cycles.floor()));
+        sine += s;
+        cosine += c;
+    }
+    total + sine * sine + cosine * cosine
 }
 
 struct Clock {
@@ -202,7 +230,8 @@ mod tests {
         }
     }
 
-    /// Skewed jitter as of a headset: the median of the differences is a percent below the period.
+    /// Skewed jitter as of a headset: the median of the differences is a percent below the period, and rounded differences
+    /// count too many steps.
     #[test]
     fn the_period_is_found_where_the_median_is_off() {
         let period = 1.0 / 60.0;
@@ -212,12 +241,12 @@ mod tests {
             steps.push(n);
             n += if i % 500 == 499 { 4 } else { 1 };
         }
-        let late = |i: usize| {
-            if i % 10 == 0 {
-                0.18
-            } else {
-                0.002 * ((i * 7919) % 10) as f64 - 0.018 * (i % 10) as f64
-            }
+        // A stamp late by a step and more draws those behind it with it: 2.0, 0.5, 0.5 steps in place of three of one.
+        let late = |i: usize| match i % 400 {
+            200 => 1.0,
+            201 => 0.5,
+            _ if i % 10 == 0 => 0.18,
+            _ => 0.002 * ((i * 7919) % 10) as f64 - 0.018 * (i % 10) as f64,
         };
         let times: Vec<f64> = steps
             .iter()
