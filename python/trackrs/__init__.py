@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         UnknownSensorError,
         UnobservableError,
     )
-    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter
+    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter, start_state
+    from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate
     from trackrs.metric import (
         GOSPA,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
         nis,
         ospa,
         rmse,
+        whiteness,
     )
     from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
+        ChiSquareTests,
         Event,
         FilterRun,
         Fix,
@@ -60,6 +63,7 @@ if TYPE_CHECKING:
         Tracks,
         Update,
         Verdict,
+        Whiteness,
     )
 
 __all__ = [
@@ -69,6 +73,7 @@ __all__ = [
     "BusyError",
     "CameraSensor",
     "ChiSquareScreen",
+    "ChiSquareTests",
     "ClutterMap",
     "ConstantAcceleration",
     "ConstantVelocity",
@@ -119,8 +124,10 @@ __all__ = [
     "UnobservableError",
     "Update",
     "Verdict",
+    "Whiteness",
     "__version__",
     "assign",
+    "covariance_intersection",
     "evaluate",
     "geodesy",
     "gospa",
@@ -130,6 +137,8 @@ __all__ = [
     "regularise",
     "rmse",
     "rotation",
+    "start_state",
+    "whiteness",
 ]
 
 _MODULES = ("geodesy", "rotation")
@@ -140,6 +149,7 @@ _HOMES = (
     "association",
     "errors",
     "filter",
+    "fusion",
     "gating",
     "metric",
     "motion",

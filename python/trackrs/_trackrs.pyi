@@ -19,13 +19,17 @@ __all__ = [
     "apply_similarity",
     "assign",
     "chi_square_quantile",
+    "covariance_intersection",
+    "cumulative",
     "ecef_to_geodetic",
     "evaluate",
     "fit_similarity",
     "geodetic_to_ecef",
     "gospa",
     "nees",
+    "nis",
     "ospa",
+    "paper_start",
     "place_array",
     "regularise",
     "rotation_angles",
@@ -34,6 +38,8 @@ __all__ = [
     "rotation_quaternions",
     "rotation_vectors",
     "smooth",
+    "start_state",
+    "whiteness",
 ]
 
 __version__: str
@@ -72,6 +78,7 @@ class Sensor:
         profile: tuple[Sequence[float], Sequence[float]] | None = None,
         side: str | None = None,
         preset: str | None = None,
+        survey_std: Sequence[float] | None = None,
     ) -> Sensor: ...
     @staticmethod
     def pose(
@@ -81,6 +88,8 @@ class Sensor:
     @staticmethod
     def camera(points: _Array, intrinsics: _Array, pixel_std: float) -> Sensor: ...
     def pose_fix(self, value: _Array) -> dict[str, Any]: ...
+    @staticmethod
+    def stack(arrays: Sequence[Sensor]) -> dict[str, Any]: ...
     def fix(self, value: _Array, side: str | None = None) -> dict[str, Any]: ...
     @staticmethod
     def linear(matrix: _Array, noise: _Array, offset: _Array) -> Sensor: ...
@@ -183,11 +192,36 @@ def place_array(
     stds: _Array,
     origin: tuple[float, float, float],
 ) -> dict[str, Any]: ...
+def covariance_intersection(
+    states: Sequence[tuple[_Array, _Array]],
+    criterion: str,
+    weights: _Array | None = None,
+) -> tuple[_Array, _Array]: ...
+def start_state(
+    times: _Array,
+    fixes: Sequence[tuple[_Array, _Array]],
+    order: int,
+    motion: Motion | None = None,
+) -> tuple[_Array, _Array]: ...
+def paper_start(
+    times: _Array,
+    fixes: Sequence[tuple[_Array, _Array]],
+    velocity_std: float,
+    accel_std: float,
+) -> tuple[_Array, _Array]: ...
 def assign(costs: _Array) -> tuple[NDArray[np.int64], float]: ...
 def chi_square_quantile(probability: float, dof: int) -> float: ...
 def ospa(x: _Array, y: _Array, cutoff: float, order: float) -> dict[str, float]: ...
 def gospa(truth: _Array, estimates: _Array, cutoff: float, order: float, alpha: float) -> dict[str, Any]: ...
-def nees(errors: _Array, covs: _Array) -> _Array: ...
+def nees(errors: _Array, covs: _Array) -> dict[str, Any]: ...
+def nis(innovations: _Array, covs: _Array) -> dict[str, Any]: ...
+def cumulative(
+    statistics: _Array,
+    dof: NDArray[np.int64],
+    restarts: Sequence[int],
+    window: int | None = None,
+) -> dict[str, Any]: ...
+def whiteness(innovations: _Array, covs: _Array, lags: int) -> dict[str, Any]: ...
 def evaluate(
     truth: Sequence[tuple[str, _Array, _Array]],
     times: _Array,

@@ -316,6 +316,9 @@ class PlacedArray:
         chi_square: of the residuals; chi-square with `dof` degrees of freedom if survey and standard deviations are
             right. Far above that, one of them is not, or the array's frame is left-handed.
         dof: 3m - 7 for m fixes.
+        survey_std: (k,) metres: of every element's position in the direction where it is largest, a bound for the range
+            to it from anywhere. `RangeArray(placed.positions, range_std, survey_std=placed.survey_std)` takes it into
+            account.
     """
 
     positions: FloatArray
@@ -323,6 +326,7 @@ class PlacedArray:
     similarity: Similarity
     chi_square: float
     dof: int
+    survey_std: FloatArray
 
 
 def place_array(elements: ArrayLike, fixes: ArrayLike, std: ArrayLike, origin: ArrayLike) -> PlacedArray:
@@ -367,4 +371,10 @@ def place_array(elements: ArrayLike, fixes: ArrayLike, std: ArrayLike, origin: A
     out = _trackrs.place_array(elements_, fixes_, stds, _position(origin, "origin"))
     similarity = _similarity(out["similarity"])
     columns = freeze_columns(out["elements"])
-    return PlacedArray(similarity=similarity, chi_square=out["chi_square"], dof=similarity.dof, **columns)
+    return PlacedArray(
+        similarity=similarity,
+        chi_square=out["chi_square"],
+        dof=similarity.dof,
+        survey_std=frozen(out["survey_std"]),
+        **columns,
+    )

@@ -134,10 +134,16 @@ class RangeArray(Sensor):
             (n, 2) of depth and speed, depths increasing: a profile, linear between its rows, whose harmonic mean along
             the straight ray is the effective speed; it changes with the depth of the target, also in the Jacobian.
         side: "above" or "below": which of two mirror images the target is, where a fix leaves both (see `fix`).
+        survey_std: standard deviation of a hydrophone's position along the ray, metres; a number or one per hydrophone,
+            for example `geodesy.place_array(...).survey_std`. Ranges get the variance range_std² + survey_std². That
+            treats the survey as white noise: ranges to a badly surveyed hydrophone weigh less and are not taken for
+            gross errors, but its error does not average out as the filter then believes, so that covariances are too
+            small after many measurements. None: the survey is exact.
 
     Raises:
         DimensionError: `hydrophones` is not (k, 2) or (k, 3), or another shape does not fit.
-        ParameterError: a standard deviation or speed is not positive, or depth is used in 2 dimensions.
+        ParameterError: a standard deviation or speed is not positive (`survey_std` may be zero), or depth is used in 2
+            dimensions.
 
     Reference:
         Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology"; spec label U5.
@@ -156,6 +162,7 @@ class RangeArray(Sensor):
     depth_std: float | None = None
     sound_speed: float | ArrayLike | None = None
     side: Literal["above", "below"] | None = None
+    survey_std: float | ArrayLike | None = None
 
     def __init__(
         self,
@@ -164,9 +171,10 @@ class RangeArray(Sensor):
         depth_std: float | None = None,
         sound_speed: float | ArrayLike | None = None,
         side: Side | None = None,
+        survey_std: float | ArrayLike | None = None,
     ) -> None:
         """Copy the arrays and build the model."""
-        self._build(hydrophones, range_std, depth_std, sound_speed, side, None)
+        self._build(hydrophones, range_std, depth_std, sound_speed, side, survey_std, None)
 
     def _build(
         self,
@@ -175,6 +183,7 @@ class RangeArray(Sensor):
         depth_std: float | None,
         sound_speed: float | ArrayLike | None,
         side: Side | None,
+        survey_std: float | ArrayLike | None,
         preset: str | None,
     ) -> None:
         positions = frozen_array(hydrophones, "hydrophones", 2)
@@ -185,8 +194,11 @@ class RangeArray(Sensor):
             depth_std=None if depth_std is None else float(depth_std),
             side=side,
             preset=preset,
+            survey_std=None if survey_std is None else _numbers(survey_std, "survey_std"),
             **_speeds(sound_speed),
         )
+        if survey_std is not None and np.ndim(survey_std) > 0:
+            survey_std = frozen_array(survey_std, "survey_std", 1)
         if sound_speed is not None and np.ndim(sound_speed) > 0:
             sound_speed = frozen_array(sound_speed, "sound_speed", np.ndim(sound_speed))
         values = {
@@ -195,6 +207,7 @@ class RangeArray(Sensor):
             "depth_std": depth_std,
             "sound_speed": sound_speed,
             "side": side,
+            "survey_std": survey_std,
             "_core": core,
         }
         for name, value in values.items():
@@ -207,6 +220,7 @@ class RangeArray(Sensor):
         range_std: float = 1.0,
         depth_std: float = 0.3,
         sound_speed: float | ArrayLike | None = None,
+        survey_std: float | ArrayLike | None = None,
     ) -> RangeArray:
         """Return the BATS array: three hydrophones (3, 3), not collinear in plan, and the target's depth.
 
@@ -215,7 +229,7 @@ class RangeArray(Sensor):
             ParameterError: they are collinear in plan.
         """
         made = cls.__new__(cls)
-        made._build(hydrophones, range_std, depth_std, sound_speed, None, "bats")
+        made._build(hydrophones, range_std, depth_std, sound_speed, None, survey_std, "bats")
         return made
 
     @classmethod
@@ -225,6 +239,7 @@ class RangeArray(Sensor):
         range_std: float = 1.0,
         sound_speed: float | ArrayLike | None = None,
         side: Side = "above",
+        survey_std: float | ArrayLike | None = None,
     ) -> RangeArray:
         """Return the TOSS array: six hydrophones (6, 3) on the sea floor, not collinear, and no depth.
 
@@ -236,8 +251,52 @@ class RangeArray(Sensor):
             ParameterError: they are collinear.
         """
         made = cls.__new__(cls)
-        made._build(hydrophones, range_std, None, sound_speed, side, "toss")
+        made._build(hydrophones, range_std, None, sound_speed, side, survey_std, "toss")
         return made
+
+    @classmethod
+    def stack(cls, arrays: Sequence[RangeArray]) -> RangeArray:
+        """Return several arrays as one: all their ranges in this order, and the depth, if any, last.
+
+        Fixes, starts, filters and screens work on it as on any array, and it is the best way to fuse arrays. There is
+        one depth, with the smallest `depth_std` of the arrays: the target measures it, and what several arrays receive
+        is one report, whose error must not count as several independent ones.
+
+        To fuse array by array as their measurements come in, give the stacked array rows at one time (or at their own
+        times) with NaN in the channels of the others, and `initial`. For linear sensors that is the stacked update, up
+        to rounding; an extended filter linearises anew after every row, so that it differs by its nonlinearity.
+
+        Args:
+            arrays: at least one. All have the same number of coordinates, and all measure ranges or all travel times;
+                those with a sound speed profile must share it. Sides must agree; one that an array without depth gave
+                is about the depth, and is dropped where the stack measures the depth.
+
+        Raises:
+            ParameterError: no array, or arrays that do not go together; the message says in what.
+            DimensionError: different numbers of coordinates.
+
+        Reference:
+            Spec label U29.
+
+        Example:
+            >>> import trackrs as tr
+            >>> near = tr.RangeArray([[0, 0, 250], [1000, 0, 252], [500, 866, 248]], range_std=1.5, depth_std=0.5)
+            >>> far = tr.RangeArray([[2000, 0, 300], [3000, 0, 310]], range_std=3.0)
+            >>> tr.RangeArray.stack([near, far]).labels
+            ('range0', 'range1', 'range2', 'range3', 'range4', 'depth')
+        """
+        out = _trackrs.Sensor.stack([array._core for array in arrays])
+        speeds = out["speeds"]
+        # No speeds: ranges, or a profile, which all of them share.
+        speed = arrays[0].sound_speed if speeds is None else speeds[0] if len(speeds) == 1 else speeds
+        return cls(
+            out["hydrophones"],
+            out["range_std"],
+            depth_std=out["depth_std"],
+            sound_speed=speed,
+            side=out["side"],
+            survey_std=out["survey_std"] or None,
+        )
 
     def fix(self, values: ArrayLike, side: Side | None = None) -> Fix:
         """Return the position that one measurement (m,) gives by itself; any d ranges, or d - 1 and the depth, will do.
@@ -263,12 +322,18 @@ class RangeArray(Sensor):
         return Fix(**freeze_columns(self._core.fix(array(values, "values", 1), side)))
 
 
+def _numbers(value: ArrayLike, name: str) -> list[float]:
+    """Return a number or a row of numbers as a list."""
+    numbers: list[float] = array(np.atleast_1d(value), name, 1).tolist()
+    return numbers
+
+
 def _speeds(sound_speed: float | ArrayLike | None) -> dict[str, Any]:
     """Return the arguments of the compiled module that say what `sound_speed` says."""
     if sound_speed is None:
         return {}
     if np.ndim(sound_speed) < 2:
-        return {"speeds": np.atleast_1d(np.asarray(sound_speed, dtype=np.float64)).tolist()}
+        return {"speeds": _numbers(sound_speed, "sound_speed")}
     profile = array(sound_speed, "sound_speed", 2)
     if profile.shape[1] != 2:
         msg = f"sound_speed as a profile needs rows of depth and speed (n, 2), got shape {profile.shape}"

@@ -6,9 +6,11 @@ mod array;
 mod association;
 mod error;
 mod filter;
+mod fusion;
 mod geodesy;
 mod metric;
 mod model;
+mod pose;
 mod rotation;
 mod smoother;
 mod stats;
@@ -23,11 +25,13 @@ mod _trackrs {
     #[pymodule_export]
     use crate::filter::Filter;
     #[pymodule_export]
+    use crate::fusion::{covariance_intersection, paper_start, start_state};
+    #[pymodule_export]
     use crate::geodesy::{
         LocalFrame, apply_similarity, ecef_to_geodetic, fit_similarity, geodetic_to_ecef, place_array,
     };
     #[pymodule_export]
-    use crate::metric::{evaluate, gospa, nees, ospa};
+    use crate::metric::{cumulative, evaluate, gospa, nees, nis, ospa, whiteness};
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
     #[pymodule_export]

@@ -1,21 +1,21 @@
 //! Motion and sensor models.
 
-use nalgebra::{DVector, Matrix3};
+use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use trackrs::error::require_size;
 use trackrs::model::motion::{
     ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk, Singer,
 };
 use trackrs::model::sensor::{
-    AttitudeForm, CameraSensor, Intrinsics, LinearSensor, PoseSensor, PositionSensor, RangeArray, RangeArraySettings,
-    RangeBearing, Side, SoundSpeed, SpeedProfile, check_platform,
+    LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing, Side, SoundSpeed, SpeedProfile,
+    check_platform,
 };
-use trackrs::model::{Motion as _, MotionModel, Rotation, Sensor as _, SensorModel};
+use trackrs::model::{Motion as _, MotionModel, Sensor as _, SensorModel};
 use trackrs::{Error, Result};
 
 use crate::array;
 use crate::error::{compute, to_python};
+use crate::pose::{self, PoseFix};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Motion {
@@ -115,23 +115,15 @@ pub(crate) struct Fix<'py> {
     mirror: Option<Bound<'py, PyArray1<f64>>>,
 }
 
-/// What a pose fix gives; quaternions are w, x, y, z.
+/// What a stacked array is made of; `speeds` is none for ranges and for a profile, which is that of every array.
 #[derive(IntoPyObject)]
-pub(crate) struct PoseFix<'py> {
-    position: Bound<'py, PyArray1<f64>>,
-    quaternion: Bound<'py, PyArray1<f64>>,
-    cov: Bound<'py, PyArray2<f64>>,
-    statistic: f64,
-    dof: usize,
-    p_value: f64,
-    /// Position and quaternion.
-    mirror: Option<Bound<'py, PyArray1<f64>>>,
-}
-
-/// Position and quaternion of a position and rotation vector.
-fn with_quaternion(pose: &DVector<f64>) -> Vec<f64> {
-    let quaternion = Rotation::from_vector(&pose.fixed_rows::<3>(3).into_owned()).quaternion();
-    [&pose.as_slice()[..3], &quaternion].concat()
+pub(crate) struct Stacked<'py> {
+    hydrophones: Bound<'py, PyArray2<f64>>,
+    range_std: Vec<f64>,
+    survey_std: Vec<f64>,
+    depth_std: Option<f64>,
+    speeds: Option<Vec<f64>>,
+    side: Option<&'static str>,
 }
 
 fn side(name: Option<&str>) -> Result<Option<Side>> {
@@ -157,7 +149,7 @@ fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) 
 impl Sensor {
     #[allow(clippy::too_many_arguments)]
     #[staticmethod]
-    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None))]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None))]
     fn range_array(
         py: Python<'_>,
         hydrophones: PyReadonlyArray2<'_, f64>,
@@ -167,12 +159,14 @@ impl Sensor {
         profile: Option<(Vec<f64>, Vec<f64>)>,
         side: Option<&str>,
         preset: Option<&str>,
+        survey_std: Option<Vec<f64>>,
     ) -> PyResult<Self> {
         let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
         let model = compute(py, || {
             let array = RangeArray::new(RangeArraySettings {
                 hydrophones,
                 range_std,
+                survey_std: survey_std.unwrap_or_default(),
                 depth_std,
                 sound_speed: sound_speed(speeds, profile)?,
                 side: self::side(side)?,
@@ -185,6 +179,40 @@ impl Sensor {
         })?;
         Ok(Self {
             model: SensorModel::RangeArray(model),
+        })
+    }
+
+    /// Range arrays as one: the arguments that make it.
+    #[staticmethod]
+    fn stack<'py>(py: Python<'py>, arrays: Vec<PyRef<'py, Self>>) -> PyResult<Stacked<'py>> {
+        let models: Vec<SensorModel> = arrays.iter().map(|array| array.model.clone()).collect();
+        let stacked = compute(py, || {
+            let array = |(index, model): (usize, SensorModel)| match model {
+                SensorModel::RangeArray(array) => Ok(array),
+                _ => Err(Error::invalid(
+                    &format!("array {index}"),
+                    "given",
+                    "must be a RangeArray",
+                )),
+            };
+            let arrays = models.into_iter().enumerate().map(array).collect::<Result<Vec<_>>>()?;
+            RangeArray::stack(&arrays)
+        })?;
+        let settings = stacked.settings();
+        Ok(Stacked {
+            hydrophones: array::from_matrix(py, &settings.hydrophones)?,
+            range_std: settings.range_std.clone(),
+            survey_std: settings.survey_std.clone(),
+            depth_std: settings.depth_std,
+            speeds: match &settings.sound_speed {
+                Some(SoundSpeed::Uniform(speed)) => Some(vec![*speed]),
+                Some(SoundSpeed::PerChannel(speeds)) => Some(speeds.clone()),
+                Some(SoundSpeed::Profile(_)) | None => None,
+            },
+            side: settings.side.map(|side| match side {
+                Side::Above => "above",
+                Side::Below => "below",
+            }),
         })
     }
 
@@ -218,74 +246,28 @@ impl Sensor {
     #[pyo3(signature = (angle_std, attitude, position_std=None))]
     #[staticmethod]
     fn pose(py: Python<'_>, angle_std: [f64; 3], attitude: &str, position_std: Option<[f64; 3]>) -> PyResult<Self> {
-        let model = compute(py, || {
-            let form = match attitude {
-                "euler" => AttitudeForm::Euler,
-                "quaternion" => AttitudeForm::Quaternion,
-                other => return Err(Error::invalid("attitude", other, "must be euler or quaternion")),
-            };
-            PoseSensor::new(position_std, angle_std, form)
-        })?;
-        Ok(Self {
-            model: SensorModel::Pose(model),
-        })
+        let model = compute(py, || pose::sensor(angle_std, attitude, position_std))?;
+        Ok(Self { model })
     }
 
     /// Reports of a pose sensor as measurements.
-    fn measurements<'py>(
-        &self,
-        py: Python<'py>,
-        values: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let reports = array::rows(&values, "values")?;
-        let rows = compute(py, || {
-            let SensorModel::Pose(sensor) = &self.model else {
-                return Ok(reports);
-            };
-            let named = reports.iter().enumerate();
-            named
-                .map(|(row, report)| sensor.measurement(report, &format!("quaternion of row {row}")))
-                .collect()
-        })?;
-        array::from_rows(py, rows.iter(), self.model.measurement_dim())
+    fn measurements<'py>(&self, values: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        pose::measurements(&self.model, &values)
     }
 
     #[staticmethod]
     fn camera(
-        py: Python<'_>,
         points: PyReadonlyArray2<'_, f64>,
         intrinsics: PyReadonlyArray2<'_, f64>,
         pixel_std: f64,
     ) -> PyResult<Self> {
-        let points = array::matrix(&points, "points")?;
-        let matrix = array::matrix(&intrinsics, "intrinsics")?;
-        let model = compute(py, || {
-            require_size("rows of intrinsics", 3, matrix.nrows())?;
-            require_size("columns of intrinsics", 3, matrix.ncols())?;
-            let matrix = Matrix3::from_column_slice(matrix.as_slice());
-            CameraSensor::new(points, Intrinsics::from_matrix(&matrix)?, pixel_std)
-        })?;
         Ok(Self {
-            model: SensorModel::Camera(model),
+            model: pose::camera(&points, &intrinsics, pixel_std)?,
         })
     }
 
-    fn pose_fix<'py>(&self, py: Python<'py>, value: PyReadonlyArray1<'py, f64>) -> PyResult<PoseFix<'py>> {
-        let value = array::vector(&value, "values")?;
-        let fix = compute(py, || match &self.model {
-            SensorModel::Camera(camera) => camera.fix(&value),
-            _ => Err(Error::invalid("sensor", "given", "must be able to fix poses")),
-        })?;
-        let pose = with_quaternion(&fix.position.mean);
-        Ok(PoseFix {
-            position: PyArray1::from_slice(py, &pose[..3]),
-            quaternion: PyArray1::from_slice(py, &pose[3..]),
-            cov: array::from_matrix(py, &fix.position.cov)?,
-            statistic: fix.statistic,
-            dof: fix.dof,
-            p_value: fix.p_value,
-            mirror: fix.mirror.map(|m| PyArray1::from_vec(py, with_quaternion(&m))),
-        })
+    fn pose_fix<'py>(&self, value: PyReadonlyArray1<'py, f64>) -> PyResult<PoseFix<'py>> {
+        pose::fix(&self.model, &value)
     }
 
     #[staticmethod]

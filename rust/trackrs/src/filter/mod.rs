@@ -1,8 +1,10 @@
 //! Recursive estimation of one target's state.
 
 pub mod extended;
+pub mod fusion;
 pub mod kalman;
 pub mod noise;
+pub mod paper_start;
 pub mod runner;
 pub mod screen;
 pub mod sequence;

@@ -22,7 +22,7 @@ use nalgebra::{DMatrix, DVector};
 use super::extended::linearise_with_noise;
 use super::kalman::{Prediction, Update};
 use super::noise::{NoiseMemory, ProcessedEpoch};
-use super::screen::{Screened, Verdict};
+use super::screen::{ChiSquareScreen, Screened, Verdict};
 use super::sequence::{Filter, FilterRun, History, InitialState, Sequence};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
@@ -155,7 +155,7 @@ impl<'a> Runner<'a> {
         let Some(screened) = &result.screened else {
             return Ok(None);
         };
-        if !self.filter.screen().is_some_and(|screen| screen.restarts()) {
+        if !self.filter.screen().is_some_and(ChiSquareScreen::restarts) {
             return Ok(None);
         }
         let rejected = screened.verdicts.contains(&Verdict::Rejected);

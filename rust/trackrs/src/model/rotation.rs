@@ -4,13 +4,13 @@
 //! |---------|-----------------|-----------------------------------------------------------------------------|
 //! | q       | [`Rotation`]    | unit quaternion w + x i + y j + z k (Hamilton): takes body to frame coordinates |
 //! | v, θ    | `vector`        | rotation vector, axis times angle θ = |v|, radians                          |
-//! | [v]×    | `cross_matrix`  | [v]× u = v × u                                                              |
+//! | v^    | `cross_matrix`  | v^ u = v × u                                                              |
 //! | J_r     | `right_jacobian` | exp(v + dv) = exp(v) exp(J_r dv)                                           |
 //!
 //! exp v = (cos θ/2, v sin(θ/2)/θ);  log q = 2 atan2(|q⃗|, w) q⃗/|q⃗| for w ≥ 0, else that of −q: |log q| ≤ π
-//! R = I + 2w [q⃗]× + 2 [q⃗]×²
-//! J_r = I − (1 − cos θ)/θ² [v]× + (θ − sin θ)/θ³ [v]×²
-//! J_r⁻¹ = I + ½ [v]× + (1 − (θ/2) cot(θ/2))/θ² [v]×²
+//! R = I + 2w q⃗^ + 2 (q⃗^)²
+//! J_r = I − (1 − cos θ)/θ² v^ + (θ − sin θ)/θ³ (v^)²
+//! J_r⁻¹ = I + ½ v^ + (1 − (θ/2) cot(θ/2))/θ² (v^)²
 //! angles (α, β, γ): R = R_z(γ) R_y(β) R_x(α), |β| ≤ π/2
 //!
 //! Where a formula loses its digits, near θ = 0, its series takes over. At θ = π two vectors name one rotation; of these
@@ -185,7 +185,7 @@ impl Mul for Rotation {
     }
 }
 
-/// [v]×.
+/// v^.
 pub fn cross_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
@@ -306,7 +306,7 @@ mod tests {
 
         #[test]
         fn the_right_jacobian_is_the_integral_and_its_inverse_the_inverse(v in vectors(PI)) {
-            // J_r = ∫₀¹ exp(−s [v]×) ds, term by term.
+            // J_r = ∫₀¹ exp(−s v^) ds, term by term.
             let a = -cross_matrix(&v);
             let (mut term, mut sum) = (Matrix3::identity(), Matrix3::identity());
             for k in 1..60 {

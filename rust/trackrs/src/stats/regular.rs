@@ -23,6 +23,8 @@ use std::f64::consts::TAU;
 use crate::error::{Error, Result, require_finite, require_positive};
 
 const MAX_ITERATIONS: usize = 50;
+/// Beyond, neighbouring steps are one number.
+const MAX_STEPS: f64 = 1e15;
 /// Steps in the shortest blocks in which the period is sought, and how far from the median of the differences.
 const FIRST_BLOCK: f64 = 64.0;
 const FIRST_REACH: f64 = 0.05;
@@ -62,6 +64,10 @@ pub fn regularise(times: &[f64], period: Option<f64>) -> Result<RegularTimes> {
             None => first_period(&since)?,
         },
     };
+    if since.last().is_some_and(|last| last / clock.period > MAX_STEPS) {
+        let requirement = "must not be so short against the times that steps cannot be counted";
+        return Err(Error::invalid("period", clock.period, requirement));
+    }
     let mut steps = clock.steps(&since);
     for _ in 0..MAX_ITERATIONS {
         clock.fit(&since, &steps, period.is_none());
@@ -90,7 +96,7 @@ fn first_period(since: &[f64]) -> Result<f64> {
     let mut differences: Vec<f64> = since.windows(2).map(|pair| pair[1] - pair[0]).collect();
     differences.sort_by(f64::total_cmp);
     let period = differences[differences.len() / 2];
-    if !(period > 0.0) {
+    if period <= 0.0 {
         let requirement = "must be given: at least half of the times equal the one before";
         return Err(Error::invalid("period", "missing", requirement));
     }
@@ -99,11 +105,15 @@ fn first_period(since: &[f64]) -> Result<f64> {
         let spacing = 1.0 / (8.0 * block);
         let span = block * period;
         let side = (reach / spacing).ceil();
-        let candidates = (0..=(2.0 * side) as usize).map(|k| frequency * (1.0 + (k as f64 - side) * spacing));
-        let scored = candidates.map(|f| (coherence(since, f, span), f));
-        frequency = scored
-            .fold((0.0, frequency), |best, new| if new.0 > best.0 { new } else { best })
-            .1;
+        let (centre, mut best, mut offset) = (frequency, 0.0, -side);
+        while offset <= side {
+            let candidate = centre * (1.0 + offset * spacing);
+            let score = coherence(since, candidate, span);
+            if score > best {
+                (best, frequency) = (score, candidate);
+            }
+            offset += 1.0;
+        }
         if since.last().is_none_or(|&last| span >= last) {
             return Ok(1.0 / frequency);
         }
@@ -149,11 +159,10 @@ impl Clock {
         }
         let phase = libm::atan2(sine, cosine) / TAU;
         let whole: Vec<f64> = isotonic(&excess).iter().map(|y| (y - phase).round()).collect();
-        whole
-            .iter()
-            .enumerate()
-            .map(|(i, m)| i as i64 + (m - whole[0]) as i64)
-            .collect()
+        let steps = whole.iter().enumerate().map(|(i, m)| i as f64 + (m - whole[0]));
+        // Whole numbers below 2^53, as was checked.
+        #[allow(clippy::cast_possible_truncation)]
+        steps.map(|n| n as i64).collect()
     }
 
     fn fit(&mut self, since: &[f64], steps: &[i64], period: bool) {
@@ -245,7 +254,7 @@ mod tests {
         let late = |i: usize| match i % 400 {
             200 => 1.0,
             201 => 0.5,
-            _ if i % 10 == 0 => 0.18,
+            _ if i.is_multiple_of(10) => 0.18,
             _ => 0.002 * ((i * 7919) % 10) as f64 - 0.018 * (i % 10) as f64,
         };
         let times: Vec<f64> = steps
@@ -281,7 +290,12 @@ mod tests {
             regularise(&[0.0, f64::NAN], None),
             Err(Error::NonFinite { index: 1, .. })
         ));
-        for (times, period) in [(&[0.0][..], None), (&[0.0, 1.0], Some(0.0)), (&[1.0, 1.0, 1.0], None)] {
+        for (times, period) in [
+            (&[0.0][..], None),
+            (&[0.0, 1.0], Some(0.0)),
+            (&[0.0, 1.0], Some(1e-300)),
+            (&[1.0, 1.0, 1.0], None),
+        ] {
             assert!(matches!(regularise(times, period), Err(Error::InvalidParameter { .. })));
         }
     }

@@ -9,7 +9,7 @@
 //! | σ         | `pixel_std`  |       | standard deviation of an image coordinate, pixels              |
 //!
 //! u_i = f_u X/Z + c_u,  v_i = f_v Y/Z + c_v;  R = diag(σ²), NaN = not seen
-//! ∂(u, v)/∂(X, Y, Z) = [f_u/Z, 0, −f_u X/Z²; 0, f_v/Z, −f_v Y/Z²],  ∂(X, Y, Z)/∂(p, δ) = [I, −R [P_i]×]
+//! ∂(u, v)/∂(X, Y, Z) = [f_u/Z, 0, −f_u X/Z²; 0, f_v/Z, −f_v Y/Z²],  ∂(X, Y, Z)/∂(p, δ) = [I, −R P_i^], P_i^ u = P_i × u
 //!
 //! δ is the change of the attitude in body axes ([`StateSpace`]). Lens distortion must have been taken out.
 //! A point with Z ≤ 0 has no image: an error that names it.
@@ -142,7 +142,7 @@ impl CameraSensor {
         let matrix = pose.attitude.matrix();
         let seen = matrix * point + pose.position;
         let depth = seen.z;
-        if !(depth > 0.0) {
+        if depth <= 0.0 || depth.is_nan() {
             return Err(unobservable(format!("point {i} lies behind the camera, z = {depth} m")));
         }
         let ([fu, fv], [cu, cv]) = (self.intrinsics.focal, self.intrinsics.centre);

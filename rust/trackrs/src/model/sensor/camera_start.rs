@@ -40,7 +40,7 @@ pub(super) fn poses(points: &[Vector3<f64>], rays: &[Vector2<f64>]) -> Option<Ve
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let spread = order.map(|i| eigen.eigenvalues[i].max(0.0).sqrt());
-    if !(spread[1] > COLLINEAR * spread[0]) {
+    if spread[1] <= COLLINEAR * spread[0] || spread[1].is_nan() {
         return None;
     }
     let (first, second) = (eigen.eigenvectors.column(order[0]), eigen.eigenvectors.column(order[1]));
@@ -108,7 +108,7 @@ fn affine(local: &[Vector3<f64>], images: &[Vector2<f64>], columns: usize) -> Op
 /// The two attitudes of a plane seen as A.
 fn from_plane(a: &Matrix2<f64>) -> Vec<Matrix3<f64>> {
     let scale = a.singular_values().max();
-    if !(scale > 0.0) {
+    if scale <= 0.0 || scale.is_nan() {
         return Vec::new();
     }
     let b = a / scale;

@@ -65,7 +65,7 @@ impl RangeArray {
             (Some(speed), None) => speed.spread(),
             _ => 0.0,
         };
-        let std = |slot: usize| self.settings.range_std[heard.channels[slot]];
+        let std = |slot: usize| self.range_std(heard.channels[slot]);
         let count = heard.channels.len();
         let mut broken = vec![0_usize; count];
         for i in 0..count {

@@ -12,6 +12,7 @@ mod position;
 mod range_array;
 mod range_bearing;
 mod sound_speed;
+mod stack;
 
 use std::fmt::Debug;
 use std::sync::Arc;

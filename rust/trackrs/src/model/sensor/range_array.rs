@@ -4,12 +4,17 @@
 //! |--------|----------------------|-------|-----------------------------------------------------|
 //! | p_i    | `hydrophones`        | k×d   | positions, metres; in 3 dimensions z is depth, positive down |
 //! | σ_i    | `range_std`          | k     | standard deviation of a range, metres               |
+//! | s_i    | `survey_std`         | k     | of the hydrophone's position along the ray, metres  |
 //! | σ_Z    | `depth_std`          |       | standard deviation of the depth, metres             |
 //! | s̄_i    | [`SoundSpeed`]       |       | mean slowness of the ray, s/m, for travel times     |
 //!
 //! ranges (metres):  h_i = |x − p_i|,  ∂h_i/∂x = (x − p_i)ᵀ/h_i;  depth, the last component: h = z, ∂h/∂x = e_zᵀ
 //! travel times (seconds), when a sound speed is given:  T_i = h_i s̄_i,  ∂T_i/∂x = s̄_i ∂h_i/∂x + h_i ∂s̄_i/∂z e_zᵀ,
 //! with standard deviation σ_i / c, c the effective speed or, of a profile, the speed at the hydrophone.
+//!
+//! A hydrophone that is out of place by δ shifts the range by −(∂h/∂x) δ. `survey_std` counts that as white noise: σ_i² + s_i²
+//! stands for σ_i². It keeps such a range from being taken for a gross error and gives it less weight; but the shift is
+//! the same at every epoch and does not average out as white noise would, so that covariances are too small after many.
 //!
 //! NaN = not heard. A target on a hydrophone has no derivative: an error that names the channel.
 //! Reference: paper of Xi, Liu, Tao, Lu, measurement equations; spec label U5.
@@ -21,7 +26,7 @@ use super::closed_form::{COLLINEAR, widest};
 use super::fix::{Fix, PositionFix, Side};
 use super::sound_speed::SoundSpeed;
 use super::{Motion, Sensor};
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_positive, require_size};
 use crate::gaussian::Gaussian;
 
 /// What a [`RangeArray`] is made of.
@@ -32,6 +37,9 @@ pub struct RangeArraySettings {
     pub hydrophones: DMatrix<f64>,
     /// Standard deviations of the ranges, metres: one for all, or one per channel.
     pub range_std: Vec<f64>,
+    /// Standard deviations of the surveyed positions along the ray, metres: none, one for all, or one per channel.
+    #[serde(default)]
+    pub survey_std: Vec<f64>,
     /// Standard deviation of the depth that comes last in the measurement, metres, where there is one.
     pub depth_std: Option<f64>,
     /// Measurements are travel times in seconds if this is given, else ranges in metres.
@@ -75,6 +83,15 @@ impl RangeArray {
         for &std in &settings.range_std {
             require_positive("range_std", std)?;
         }
+        if settings.survey_std.len() == 1 {
+            settings.survey_std = vec![settings.survey_std[0]; channels];
+        }
+        if !settings.survey_std.is_empty() {
+            require_size("survey_std", channels, settings.survey_std.len())?;
+        }
+        for &std in &settings.survey_std {
+            require_non_negative("survey_std", std)?;
+        }
         if let Some(std) = settings.depth_std {
             require_positive("depth_std", std)?;
             if dims < 3 {
@@ -98,6 +115,7 @@ impl RangeArray {
         let settings = RangeArraySettings {
             hydrophones,
             range_std: vec![range_std],
+            survey_std: Vec::new(),
             depth_std: Some(depth_std),
             sound_speed,
             side: None,
@@ -115,6 +133,7 @@ impl RangeArray {
         let settings = RangeArraySettings {
             hydrophones,
             range_std: vec![range_std],
+            survey_std: Vec::new(),
             depth_std: None,
             sound_speed,
             side: Some(side),
@@ -145,6 +164,11 @@ impl RangeArray {
             Some(triple) if triple.third.is_some() => Ok(self),
             _ => Err(Error::invalid("hydrophones", "given", requirement)),
         }
+    }
+
+    /// What it is made of: standard deviations one per channel.
+    pub fn settings(&self) -> &RangeArraySettings {
+        &self.settings
     }
 
     /// Number k of hydrophones.
@@ -200,10 +224,25 @@ impl RangeArray {
 
     /// Standard deviation of a component, in the unit of the measurement.
     fn std(&self, channel: usize) -> f64 {
-        match self.settings.range_std.get(channel) {
-            Some(&std) => std / self.metres_per_unit(channel, None),
-            None => self.settings.depth_std.unwrap_or(f64::NAN),
+        if channel < self.channels() {
+            self.range_std(channel) / self.metres_per_unit(channel, None)
+        } else {
+            self.settings.depth_std.unwrap_or(f64::NAN)
         }
+    }
+
+    /// √(σ_i² + s_i²), metres.
+    pub(super) fn range_std(&self, channel: usize) -> f64 {
+        let std = self.settings.range_std[channel];
+        match self.survey_std(channel) {
+            0.0 => std,
+            survey => libm::hypot(std, survey),
+        }
+    }
+
+    /// s_i, metres; zero where none is given.
+    pub(super) fn survey_std(&self, channel: usize) -> f64 {
+        self.settings.survey_std.get(channel).copied().unwrap_or(0.0)
     }
 
     /// How many metres of range one unit of the measurement is: 1, or the effective speed for this depth of the target
@@ -303,6 +342,7 @@ mod tests {
         RangeArraySettings {
             hydrophones: DMatrix::from_row_slice(3, 3, &[0.0, 0.0, 250.0, 1000.0, 0.0, 252.0, 500.0, 866.0, 248.0]),
             range_std: vec![1.0],
+            survey_std: Vec::new(),
             depth_std: Some(0.3),
             sound_speed: None,
             side: None,
@@ -325,7 +365,9 @@ mod tests {
     #[test]
     fn bad_settings_are_refused_by_name() {
         type Change = fn(&mut RangeArraySettings);
-        let changes: [(&str, Change); 6] = [
+        let changes: [(&str, Change); 8] = [
+            ("survey_std", |s| s.survey_std = vec![1.0, 2.0]),
+            ("survey_std", |s| s.survey_std = vec![-1.0]),
             ("range_std", |s| s.range_std = vec![1.0, 2.0]),
             ("range_std", |s| s.range_std = vec![0.0]),
             ("depth_std", |s| s.depth_std = Some(-1.0)),
