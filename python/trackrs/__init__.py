@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import geodesy, rotation
+    from trackrs import geodesy, rotation, scenarios
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
@@ -137,11 +137,12 @@ __all__ = [
     "regularise",
     "rmse",
     "rotation",
+    "scenarios",
     "start_state",
     "whiteness",
 ]
 
-_MODULES = ("geodesy", "rotation")
+_MODULES = ("geodesy", "rotation", "scenarios")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = (

@@ -15,6 +15,7 @@ __all__ = [
     "Motion",
     "Sensor",
     "Tracker",
+    "Underwater",
     "__version__",
     "apply_similarity",
     "assign",
@@ -31,6 +32,8 @@ __all__ = [
     "ospa",
     "paper_start",
     "place_array",
+    "reference_course",
+    "reference_hydrophones",
     "regularise",
     "rotation_angles",
     "rotation_between",
@@ -79,6 +82,8 @@ class Sensor:
         side: str | None = None,
         preset: str | None = None,
         survey_std: Sequence[float] | None = None,
+        bias: tuple[Sequence[float], float] | None = None,
+        scale: tuple[float, float] | None = None,
     ) -> Sensor: ...
     @staticmethod
     def pose(
@@ -97,6 +102,8 @@ class Sensor:
     def measurement_dim(self) -> int: ...
     @property
     def labels(self) -> list[str]: ...
+    @property
+    def extra_labels(self) -> list[str]: ...
     def noise(self) -> _Array: ...
     def observe(self, state: _Array, platform: _Array | None = None) -> _Array: ...
 
@@ -106,6 +113,7 @@ class Filter:
     def kalman(motion: Motion, sensor: Sensor) -> Filter: ...
     @staticmethod
     def extended(motion: Motion, sensor: Sensor) -> Filter: ...
+    def with_second_order(self) -> Filter: ...
     def with_screen(self, alpha: float, mode: str, restart: bool, allowance: float | None = None) -> Filter: ...
     def with_adaptation(
         self,
@@ -235,3 +243,21 @@ def evaluate(
     centres: _Array | None = None,
     region: float | None = None,
 ) -> dict[str, Any]: ...
+
+@final
+class Underwater:
+    @staticmethod
+    def make(
+        array: Sensor,
+        course: Mapping[str, Any],
+        dt: float,
+        gross: float,
+        missing: float,
+        jerk_std: float | None = None,
+    ) -> Underwater: ...
+    def times(self) -> _Array: ...
+    def truth(self) -> _Array: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+def reference_course() -> dict[str, Any]: ...
+def reference_hydrophones() -> dict[str, Any]: ...

@@ -11,7 +11,11 @@ class ChiSquareScreen:
     """Rejects gross errors by a chi-square test of the innovation before they are used.
 
     After three measurements in a row whose rejections left no more components than the position has coordinates, a
-    filter whose sensor can fix positions starts anew from their fixes, if these pass their own test.
+    filter whose sensor can fix positions starts anew from their fixes, if these pass their own test. Where single
+    measurements cannot fix a position it does so while at least every second one is rejected.
+
+    After a gap so long that the position is uncertain by more than twice the range across it, ranges are held
+    (`MISSING`) until together they give a start; the lasting errors of the sensor enter it as they are known.
 
     Args:
         alpha: probability of rejecting a measurement that is right, in (0, 1).
@@ -28,14 +32,14 @@ class ChiSquareScreen:
     Example:
         >>> import numpy as np, trackrs as tr
         >>> motion = tr.RandomWalk(dims=2, velocity_psd=0.1)
-        >>> kf = tr.KalmanFilter(motion, tr.PositionSensor(dims=2, std=1.0), screen=tr.ChiSquareScreen(alpha=1e-3))
+        >>> kf = tr.KalmanFilter(motion, tr.PositionSensor(dims=2, std=1.0), screen=tr.ChiSquareScreen())
         >>> start = tr.GaussianState([0.0, 0.0], np.eye(2))
         >>> run = kf.run([1.0, 2.0], [[0.3, -0.2], [0.1, 50.0]], initial=start)
         >>> [[tr.Verdict(v).name for v in row] for row in run.verdicts]
         [['USED', 'USED'], ['USED', 'REJECTED']]
     """
 
-    alpha: float = 1e-3
+    alpha: float = 0.01
     mode: Literal["snoop", "component", "vector"] = "snoop"
     allowance: float | None = None
     restart: bool = True

@@ -9,8 +9,8 @@ use trackrs::Gaussian;
 use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod};
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
+use trackrs::filter::search::Start;
 use trackrs::filter::sequence::{self, FilterRun, History, InitialState, Sequence};
-use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
@@ -86,6 +86,12 @@ impl Filter {
         let filter = compute(py, || {
             sequence::Filter::extended(motion.model.clone(), sensor.model.clone())
         })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with the curvature of the sensor in its updates.
+    fn with_second_order(&self, py: Python<'_>) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_second_order())?;
         Ok(Self { filter })
     }
 
@@ -229,7 +235,7 @@ impl Filter {
         let (initial, mut run, begin) = if let Some(given) = initial {
             (given, FilterRun::default(), 0)
         } else {
-            let start = self.find_start(py, times.as_slice(), &values)?;
+            let start = self.find_start(py, times.as_slice(), &values, inputs)?;
             let run = self.filter.begun(&start, history);
             (start.initial, run, start.row + 1)
         };
@@ -257,11 +263,19 @@ impl Filter {
 }
 
 impl Filter {
-    fn find_start(&self, py: Python<'_>, times: &[f64], values: &[DVector<f64>]) -> PyResult<Start> {
+    fn find_start(
+        &self,
+        py: Python<'_>,
+        times: &[f64],
+        values: &[DVector<f64>],
+        inputs: Option<&[DVector<f64>]>,
+    ) -> PyResult<Start> {
         let mut starter = compute(py, || self.filter.starter())?;
         for from in (0..times.len()).step_by(START_CHUNK) {
             let part = from..(from + START_CHUNK).min(times.len());
-            let found = compute(py, || starter.search(&times[part.clone()], &values[part]))?;
+            let found = compute(py, || {
+                starter.search(&times[part.clone()], &values[part.clone()], inputs.map(|u| &u[part]))
+            })?;
             if let Some(start) = found {
                 return Ok(Start {
                     row: from + start.row,

@@ -12,6 +12,7 @@ mod metric;
 mod model;
 mod pose;
 mod rotation;
+mod sim;
 mod smoother;
 mod stats;
 mod tracker;
@@ -38,6 +39,8 @@ mod _trackrs {
     use crate::rotation::{
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_vectors,
     };
+    #[pymodule_export]
+    use crate::sim::{Underwater, reference_course, reference_hydrophones};
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]

@@ -147,9 +147,10 @@ fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) 
 
 #[pymethods]
 impl Sensor {
+    /// `bias` and `scale`: standard deviation and density of the extra states, where there are any.
     #[allow(clippy::too_many_arguments)]
     #[staticmethod]
-    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None))]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None, bias=None, scale=None))]
     fn range_array(
         py: Python<'_>,
         hydrophones: PyReadonlyArray2<'_, f64>,
@@ -160,10 +161,12 @@ impl Sensor {
         side: Option<&str>,
         preset: Option<&str>,
         survey_std: Option<Vec<f64>>,
+        bias: Option<(Vec<f64>, f64)>,
+        scale: Option<(f64, f64)>,
     ) -> PyResult<Self> {
         let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
         let model = compute(py, || {
-            let array = RangeArray::new(RangeArraySettings {
+            let mut array = RangeArray::new(RangeArraySettings {
                 hydrophones,
                 range_std,
                 survey_std: survey_std.unwrap_or_default(),
@@ -171,6 +174,12 @@ impl Sensor {
                 sound_speed: sound_speed(speeds, profile)?,
                 side: self::side(side)?,
             })?;
+            if let Some((std, psd)) = bias {
+                array = array.with_bias(std, psd)?;
+            }
+            if let Some((std, psd)) = scale {
+                array = array.with_scale(std, psd)?;
+            }
             match preset {
                 Some("bats") => array.require_bats(),
                 Some("toss") => array.require_toss(),
@@ -300,6 +309,12 @@ impl Sensor {
     #[getter]
     fn labels(&self) -> Vec<String> {
         self.model.labels()
+    }
+
+    /// Names of the components that the sensor adds to the state.
+    #[getter]
+    fn extra_labels(&self) -> Vec<String> {
+        self.model.nuisance().map_or_else(Vec::new, |nuisance| nuisance.labels)
     }
 
     fn noise<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -1,5 +1,6 @@
 //! Recursive estimation of one target's state.
 
+mod complete;
 pub mod extended;
 pub mod fusion;
 pub mod kalman;
@@ -7,6 +8,8 @@ pub mod noise;
 pub mod paper_start;
 pub mod runner;
 pub mod screen;
+pub mod search;
 pub mod sequence;
 pub mod smoother;
 pub mod start;
+mod window;

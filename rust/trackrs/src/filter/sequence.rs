@@ -2,7 +2,7 @@
 //!
 //! For k = 0..T: predict from the time before to t_k (the first from `initial.time`, dt = 0 allowed), then update with
 //! row k of the measurements. A row that is NaN throughout is a prediction only.
-//! Without an initial state the run begins where [`super::start`] finds one; rows before that are NaN.
+//! Without an initial state the run begins where [`super::search`] finds one; rows before that are NaN.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -10,10 +10,11 @@ use serde::{Deserialize, Serialize};
 use super::noise::{LimitedMemoryNoise, NoiseMemory};
 use super::runner::{EpochResult, Runner};
 use super::screen::{ChiSquareScreen, Screened, Verdict};
-use super::start::{START_ALPHA, Start, Starter};
+use super::search::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
+use crate::model::motion::Augmented;
 use crate::model::sensor::check_platform;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
@@ -121,7 +122,7 @@ pub struct Sequence<'a> {
     pub times: &'a [f64],
     /// T measurements, length m each, NaN = not observed.
     pub measurements: &'a [DVector<f64>],
-    /// T vectors of length n, each added to the state predicted to its time.
+    /// T vectors of length n (or without the lasting errors of the sensor), each added to the state predicted to its time.
     pub inputs: Option<&'a [DVector<f64>]>,
 }
 
@@ -132,17 +133,24 @@ pub struct Filter {
     sensor: SensorModel,
     screen: Option<ChiSquareScreen>,
     adapt: Option<LimitedMemoryNoise>,
+    second_order: bool,
 }
 
 impl Filter {
-    /// The extended Kalman filter of these models.
+    /// The extended Kalman filter of these models. The lasting errors of a sensor that has such are estimated with the
+    /// target: they stand behind the state of the motion.
     pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
         sensor.check(&motion)?;
+        let motion = match sensor.nuisance() {
+            Some(nuisance) => MotionModel::Augmented(Box::new(Augmented::new(motion, nuisance))),
+            None => motion,
+        };
         Ok(Self {
             motion,
             sensor,
             screen: None,
             adapt: None,
+            second_order: false,
         })
     }
 
@@ -181,6 +189,35 @@ impl Filter {
         Ok(self)
     }
 
+    /// The same filter with the curvature of the sensor in its updates; an error if the sensor does not give it.
+    pub fn with_second_order(mut self) -> Result<Self> {
+        let unknown = Gaussian {
+            mean: DVector::from_element(self.motion.state_dim(), 1.0),
+            cov: DMatrix::identity(self.motion.state_dim(), self.motion.state_dim()),
+        };
+        if self.sensor.curvature(&unknown).is_none() {
+            let requirement = "needs a sensor that gives its curvature, such as RangeArray";
+            return Err(Error::invalid("second_order", true, requirement));
+        }
+        self.second_order = true;
+        Ok(self)
+    }
+
+    /// Linearises the sensor at a state, with this noise.
+    pub(super) fn linearise(
+        &self,
+        state: &Gaussian,
+        platform: Option<&DVector<f64>>,
+        noise: DMatrix<f64>,
+    ) -> Result<extended::Linearised> {
+        let linearise = if self.second_order {
+            extended::linearise_second_order
+        } else {
+            extended::linearise_with_noise
+        };
+        linearise(state, &self.sensor, platform, noise)
+    }
+
     /// The screen for gross errors, where one is set.
     pub fn screen(&self) -> Option<&ChiSquareScreen> {
         self.screen.as_ref()
@@ -214,7 +251,9 @@ impl Filter {
                 previous: 0.0,
             });
         }
-        Ok(kalman::predict(state, &self.motion, dt, input))
+        self.require_states("input", input)?;
+        let input = input.map(|input| self.complete_input(input));
+        Ok(kalman::predict(state, &self.motion, dt, input.as_ref()))
     }
 
     /// The estimate after one measurement (length m, NaN = not observed), taken from `platform` if the sensor moves.
@@ -226,7 +265,8 @@ impl Filter {
     ) -> Result<kalman::Update> {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
-        extended::update(state, &self.sensor, measurement, platform)
+        self.linearise(state, platform, self.sensor.noise())?
+            .update(state, &self.sensor, measurement)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
@@ -251,7 +291,7 @@ impl Filter {
             Runner::new(self, initial)?
         } else {
             let mut starter = self.starter()?;
-            let Some(start) = starter.search(times, measurements)? else {
+            let Some(start) = starter.search(times, measurements, inputs)? else {
                 return Err(starter.failure());
             };
             run = self.begun(&start, history);
@@ -314,20 +354,19 @@ impl Filter {
         initial: Option<&InitialState>,
         inputs: Option<&[DVector<f64>]>,
     ) -> Result<()> {
-        let n = self.motion.state_dim();
         require_finite("times", times)?;
         require_size("measurements", times.len(), measurements.len())?;
         if let Some(initial) = initial {
             require_finite("initial time", [&initial.time])?;
-            require_size("initial state", n, initial.state.dim())?;
+            self.require_states("initial state", [&initial.state.mean])?;
         }
         for row in measurements {
             require_size("measurement", self.sensor.measurement_dim(), row.len())?;
         }
         if let Some(inputs) = inputs {
             require_size("inputs", times.len(), inputs.len())?;
+            self.require_states("input", inputs)?;
             for row in inputs {
-                require_size("input", n, row.len())?;
                 require_finite("input", row.iter())?;
             }
         }

@@ -1,5 +1,6 @@
 //! Motion models. State order is block order: all positions, then all velocities, then accelerations.
 
+mod augmented;
 mod kinematic;
 mod linear;
 mod rigid_body;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::space::StateSpace;
 
+pub use augmented::Augmented;
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 pub use linear::LinearMotion;
 pub use rigid_body::RigidBody;
@@ -75,6 +77,8 @@ pub enum MotionModel {
     Linear(LinearMotion),
     /// See [`RigidBody`].
     RigidBody(Box<RigidBody>),
+    /// See [`Augmented`].
+    Augmented(Box<Augmented>),
     /// A model from outside the library. It cannot be saved.
     #[serde(skip)]
     Custom(Arc<dyn Motion>),
@@ -89,6 +93,7 @@ impl MotionModel {
             Self::Singer(m) => m,
             Self::Linear(m) => m,
             Self::RigidBody(m) => m.as_ref(),
+            Self::Augmented(m) => m.as_ref(),
             Self::Custom(m) => m.as_ref(),
         }
     }

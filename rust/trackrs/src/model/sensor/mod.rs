@@ -4,11 +4,15 @@ mod camera;
 mod camera_fix;
 mod camera_start;
 pub mod closed_form;
+mod curvature;
 mod fix;
 mod heard;
 mod linear;
+mod nuisance;
 mod pose;
 mod position;
+mod position_fix;
+mod presets;
 mod range_array;
 mod range_bearing;
 mod sound_speed;
@@ -26,10 +30,13 @@ use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
 
 pub use camera::{CameraSensor, Intrinsics};
-pub use fix::{Fix, MIRROR_GAP, PositionFix, Side};
+pub use curvature::Curvature;
+pub use fix::{Fix, MIRROR_GAP, Side};
 pub use linear::LinearSensor;
+pub use nuisance::Nuisance;
 pub use pose::{AttitudeForm, PoseSensor};
 pub use position::PositionSensor;
+pub use position_fix::{PositionFix, VAGUE};
 pub use range_array::{RangeArray, RangeArraySettings};
 pub use range_bearing::RangeBearing;
 pub use sound_speed::{Slowness, SoundSpeed, SpeedProfile};
@@ -74,6 +81,14 @@ pub trait Sensor: Debug + Send + Sync {
     }
     /// The sensor as one whose measurements fix positions well enough, and test them, for a filter to start by itself.
     fn position_fix(&self) -> Option<&dyn PositionFix> {
+        None
+    }
+    /// Errors of the sensor that a filter estimates with the target, as extra components behind the kinematic state.
+    fn nuisance(&self) -> Option<Nuisance> {
+        None
+    }
+    /// What the curvature of h adds where the state is Gaussian; for the second-order filter, where the sensor has it.
+    fn curvature(&self, _prior: &Gaussian) -> Option<Result<Curvature>> {
         None
     }
 }
@@ -193,6 +208,12 @@ impl Sensor for SensorModel {
     }
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         self.as_sensor().position_fix()
+    }
+    fn nuisance(&self) -> Option<Nuisance> {
+        self.as_sensor().nuisance()
+    }
+    fn curvature(&self, prior: &Gaussian) -> Option<Result<Curvature>> {
+        self.as_sensor().curvature(prior)
     }
 }
 
