@@ -45,6 +45,14 @@ class Sensor:
         """Return R, (m, m)."""
         return frozen(self._core.noise())
 
+    def measurements(self, values: ArrayLike) -> FloatArray:
+        """Return rows of reports as the measurements (T, m) that a filter takes: the same, but for quaternions.
+
+        Raises:
+            DimensionError: `values` is not two-dimensional.
+        """
+        return array(values, "values", 2)
+
     def observe(self, state: ArrayLike, platform: ArrayLike | None = None) -> FloatArray:
         """Return the noise-free measurement of a state (n,), taken from a platform (d,) if the sensor moves.
 

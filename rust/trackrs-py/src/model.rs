@@ -3,7 +3,9 @@
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk};
+use trackrs::model::motion::{
+    ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk, Singer,
+};
 use trackrs::model::sensor::{
     LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing, Side, SoundSpeed, SpeedProfile,
     check_platform,
@@ -13,6 +15,7 @@ use trackrs::{Error, Result};
 
 use crate::array;
 use crate::error::{compute, to_python};
+use crate::pose::{self, PoseFix};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Motion {
@@ -50,6 +53,14 @@ impl Motion {
         let model = compute(py, || ConstantAcceleration::new(kinematic_noise(psd, values)))?;
         Ok(Self {
             model: MotionModel::ConstantAcceleration(model),
+        })
+    }
+
+    #[staticmethod]
+    fn singer(py: Python<'_>, accel_std: Vec<f64>, time_constant: Vec<f64>, accel_psd: Vec<f64>) -> PyResult<Self> {
+        let model = compute(py, || Singer::new(accel_std, time_constant, accel_psd))?;
+        Ok(Self {
+            model: MotionModel::Singer(model),
         })
     }
 
@@ -239,6 +250,33 @@ impl Sensor {
         Ok(Self {
             model: SensorModel::Position(compute(py, || PositionSensor::new(std))?),
         })
+    }
+
+    #[pyo3(signature = (angle_std, attitude, position_std=None))]
+    #[staticmethod]
+    fn pose(py: Python<'_>, angle_std: [f64; 3], attitude: &str, position_std: Option<[f64; 3]>) -> PyResult<Self> {
+        let model = compute(py, || pose::sensor(angle_std, attitude, position_std))?;
+        Ok(Self { model })
+    }
+
+    /// Reports of a pose sensor as measurements.
+    fn measurements<'py>(&self, values: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        pose::measurements(&self.model, &values)
+    }
+
+    #[staticmethod]
+    fn camera(
+        points: PyReadonlyArray2<'_, f64>,
+        intrinsics: PyReadonlyArray2<'_, f64>,
+        pixel_std: f64,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            model: pose::camera(&points, &intrinsics, pixel_std)?,
+        })
+    }
+
+    fn pose_fix<'py>(&self, value: PyReadonlyArray1<'py, f64>) -> PyResult<PoseFix<'py>> {
+        pose::fix(&self.model, &value)
     }
 
     #[staticmethod]

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Motion, MotionModel, NoiseInput};
 use crate::model::sensor::Nuisance;
+use crate::model::space::StateSpace;
 
 /// See the module's description.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -59,6 +60,16 @@ impl Motion for Augmented {
     }
     fn noise(&self, dt: f64) -> DMatrix<f64> {
         self.enlarge(&self.base.noise(dt), |i| self.nuisance.walk_psd[i] * dt)
+    }
+    fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        let base = self.base.noise_at(&self.kinematic(state), dt);
+        self.enlarge(&base, |i| self.nuisance.walk_psd[i] * dt)
+    }
+    fn space(&self) -> StateSpace {
+        StateSpace {
+            dim: self.state_dim(),
+            attitude: self.base.space().attitude,
+        }
     }
     fn is_linear(&self) -> bool {
         self.base.is_linear()
