@@ -2,7 +2,7 @@
 //!
 //! Matrices are row-major. Each product adds multiples of rows of length n to a row, so that the innermost loop runs over
 //! contiguous numbers and no sum is reordered: the results are the same bits on every CPU and for every way the loops are
-//! compiled. [`sized!`] calls what is made of them with n as a constant for the sizes that states commonly have. It is the
+//! compiled. `sized!` calls what is made of them with n as a constant for the sizes that states commonly have. It is the
 //! same source, so the results are equal bit for bit; the constant lets the compiler unroll the inner loops.
 //!
 //! Cholesky row by row: L_ij = (A_ij − Σ_k L_ik L_jk) / L_jj,  L_jj = sqrt(A_jj − Σ_k L_jk²).
@@ -235,7 +235,9 @@ pub(crate) fn solve_lower(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
             add_scaled(row, -l[i * m + k], other);
         }
         let inverse = 1.0 / l[i * m + i];
-        row.iter_mut().for_each(|x| *x *= inverse);
+        for x in row {
+            *x *= inverse;
+        }
     }
 }
 
@@ -249,7 +251,9 @@ pub(crate) fn solve_upper(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
             add_scaled(row, -l[(i + 1 + k) * m + i], other);
         }
         let inverse = 1.0 / l[i * m + i];
-        row.iter_mut().for_each(|x| *x *= inverse);
+        for x in row {
+            *x *= inverse;
+        }
     }
 }
 
