@@ -102,14 +102,16 @@ fn joseph(
     for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
         kernel::add_scaled(mean, r, row);
     }
-    kernel::add_transposed_product(n, prior.cov, -1.0, hp, gain, left);
+    left.copy_from_slice(&prior.cov[..n * n]);
+    kernel::subtract_transposed_product(n, hp, gain, left);
     expected.sparse.multiply(n, left, seen);
     kernel::multiply_sparse(m, n, &expected.noise, gain, rest);
     for (x, y) in rest.iter_mut().zip(seen.iter()) {
         *x -= y;
     }
     let cov = out.cov.as_mut_slice();
-    kernel::add_transposed_product(n, left, 1.0, gain, rest, cov);
+    cov.copy_from_slice(left);
+    kernel::add_transposed_product(n, gain, rest, cov);
     kernel::symmetrise(n, cov);
 }
 
