@@ -105,3 +105,13 @@ def test_readme_links():
     for target in re.findall(r"\]\(([^)#:]+)\)", README):
         assert (ROOT / target).exists(), target
     assert {path.name for path in (ROOT / "docs").glob("*.png") if path.stat().st_size > 200_000} == set()
+
+
+def test_radio_ranges(tmp_path):
+    lines = run(
+        [sys.executable, ROOT / "examples" / "radio_ranges.py", "--out", tmp_path / "out"], tmp_path
+    ).splitlines()
+    assert lines[0] == "3529 ranges in 1932 s, none for 97 s"
+    assert [line.split("  ")[0] for line in lines[1:3]] == ["ranges only", "with odometry*"]
+    assert lines[3].startswith("* The recorded headings equal those of the truth")
+    assert (tmp_path / "out" / "radio_ranges.png").stat().st_size > 10_000

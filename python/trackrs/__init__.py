@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import geodesy, scenarios
+    from trackrs import geodesy, rotation, scenarios
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
@@ -45,8 +45,10 @@ if TYPE_CHECKING:
         rmse,
         whiteness,
     )
-    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
+    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
+    from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
         ChiSquareTests,
@@ -69,6 +71,7 @@ __all__ = [
     "OSPA",
     "Assignment",
     "BusyError",
+    "CameraSensor",
     "ChiSquareScreen",
     "ChiSquareTests",
     "ClutterMap",
@@ -99,11 +102,15 @@ __all__ = [
     "OspaDistance",
     "Pair",
     "ParameterError",
+    "PoseFix",
+    "PoseSensor",
     "PositionSensor",
     "RandomWalk",
     "RangeArray",
     "RangeBearing",
+    "RegularTimes",
     "Scan",
+    "Singer",
     "SmoothedRun",
     "StateError",
     "StrictError",
@@ -127,13 +134,15 @@ __all__ = [
     "nees",
     "nis",
     "ospa",
+    "regularise",
     "rmse",
+    "rotation",
     "scenarios",
     "start_state",
     "whiteness",
 ]
 
-_MODULES = ("geodesy", "scenarios")
+_MODULES = ("geodesy", "rotation", "scenarios")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = (
@@ -145,7 +154,9 @@ _HOMES = (
     "gating",
     "metric",
     "motion",
+    "pose",
     "sensor",
+    "timing",
     "tracker",
     "types",
 )

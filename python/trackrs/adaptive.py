@@ -11,7 +11,11 @@ class ChiSquareScreen:
     """Rejects gross errors by a chi-square test of the innovation before they are used.
 
     After three measurements in a row whose rejections left no more components than the position has coordinates, a
-    filter whose sensor can fix positions starts anew from their fixes, if these pass their own test.
+    filter whose sensor can fix positions starts anew from their fixes, if these pass their own test. Where single
+    measurements cannot fix a position it does so while at least every second one is rejected.
+
+    After a gap so long that the position is uncertain by more than twice the range across it, ranges are held
+    (`MISSING`) until together they give a start; the lasting errors of the sensor enter it as they are known.
 
     Args:
         alpha: probability of rejecting a measurement that is right, in (0, 1).

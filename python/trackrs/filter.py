@@ -33,6 +33,11 @@ class _SequenceFilter:
     screen: ChiSquareScreen | None = None
     _core: _trackrs.Filter = field(init=False, repr=False, compare=False)
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the state's components: those of the motion, then those that the sensor adds."""
+        return self.motion.labels + self.sensor.extra_labels
+
     def _keep(self, core: _trackrs.Filter) -> None:
         if self.screen is not None:
             core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.restart, self.screen.allowance)
@@ -90,8 +95,13 @@ class _SequenceFilter:
             values: (T, m); NaN = component not observed, a row of NaN = no measurement.
             initial: the estimate to begin with; it is predicted from its own time to the first of `times`. With a
                 `RangeArray` it may be left out: the run then starts at the third of three consecutive measurements
-                whose position fixes pass the test of their redundancy (alpha = 0.01), and rows before that are NaN.
-            inputs: (T, n) known inputs, each added to the state predicted to its time.
+                whose position fixes pass the test of their redundancy (alpha = 0.01, or its square where the sensor
+                adds components: they fail again what they fail once), and rows before that are NaN.
+                Where single measurements cannot fix a position, as ranges that come one at a time, they are gathered
+                until they can, and the state is fitted to three such groups, each measurement at its own time.
+                Components that the sensor adds may be left out.
+            inputs: (T, n) known inputs, each added to the state predicted to its time; components that the sensor adds
+                may be left out.
             history: keep predicted and filtered estimates ("full"; smoothing needs it), filtered ones, or the last one.
 
         Raises:
@@ -113,7 +123,7 @@ class _SequenceFilter:
         out = self._core.run(t, z, given, history, u)
         out["restarts"] = tuple(out["restarts"])
         kept = t[-1:] if history == "last" else t
-        return FilterRun(times=frozen(kept.copy()), labels=self.motion.labels, **freeze_columns(out))
+        return FilterRun(times=frozen(kept.copy()), labels=self.labels, **freeze_columns(out))
 
     def replace(self, **changes: Any) -> Any:  # noqa: ANN401 (the type is the caller's)
         """Return the same filter with some arguments changed."""
@@ -163,20 +173,29 @@ class ExtendedKalmanFilter(_SequenceFilter):
         iterations: most linearisations of the sensor per measurement. Above 1 it is the iterated filter: each is at the
             posterior of the one before (Gauss-Newton), until no component of the state moves by more than 1e-9 of its
             standard deviation. Innovation, NIS and screening are those of the first.
+        second_order: let the curvature of the sensor count in the expected measurement and its variance, as matters
+            where the position is uncertain by a good part of the range: after gaps. For a `RangeArray`; not together
+            with `iterations`.
 
     Raises:
         DimensionError: the sensor does not fit the motion.
-        ParameterError: `iterations` is below 1.
+        ParameterError: `iterations` is below 1 or given with `second_order`, or the sensor does not give its curvature.
 
     Reference:
-        Bar-Shalom, Li, Kirubarajan (2001), §10.3; iterated: §10.5.2, and Bell, Cathey (1993), IEEE Trans. AC 38(2).
+        Bar-Shalom, Li, Kirubarajan (2001), §10.3; second order §10.3.2; iterated §10.5.2, and Bell, Cathey (1993), IEEE
+        Trans. AC 38(2).
     """
 
     iterations: int = 1
+    second_order: bool = False
 
     def __post_init__(self) -> None:
         """Build the filter."""
-        self._keep(_trackrs.Filter.extended(self.motion._core, self.sensor._core, self.iterations))
+        if self.second_order and self.iterations != 1:
+            msg = f"iterations = {self.iterations} cannot go with second_order: choose one"
+            raise ParameterError(msg)
+        core = _trackrs.Filter.extended(self.motion._core, self.sensor._core, self.iterations)
+        self._keep(core.with_second_order() if self.second_order else core)
 
 
 def start_state(

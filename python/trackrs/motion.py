@@ -136,6 +136,51 @@ class ConstantAcceleration(Motion):
         object.__setattr__(self, "_core", _trackrs.Motion.constant_acceleration(values, psd=psd))
 
 
+@dataclass(frozen=True, slots=True)
+class Singer(Motion):
+    """Acceleration that forgets itself, with velocity jumps if wanted; state `x y z vx vy vz ax ay az`.
+
+    The acceleration is a first-order Markov process: correlation `accel_std² exp(-s / time_constant)`. F and Q are
+    exact for any time step. Moving heads and hands, and vehicles that manoeuvre for a while, move about so.
+
+    Args:
+        dims: number of axes.
+        accel_std: stationary standard deviation of the acceleration, m/s² (rad/s² for an axis that is an angle). A
+            number or one per axis.
+        time_constant: correlation time, seconds. A number or one per axis.
+        accel_psd: density of a white acceleration besides, which makes the velocity jump, m²/s³. A number or one per
+            axis.
+
+    Raises:
+        ParameterError: a negative noise, or a time constant that is not positive.
+
+    Reference:
+        Singer (1970), IEEE Transactions on Aerospace and Electronic Systems 6(4); Bar-Shalom, Li, Kirubarajan (2001),
+        §8.2.3.
+
+    Example:
+        >>> import trackrs as tr
+        >>> tr.Singer(dims=1, accel_std=2.0, time_constant=0.5).transition(0.5).round(4)
+        array([[1.    , 0.5   , 0.092 ],
+               [0.    , 1.    , 0.3161],
+               [0.    , 0.    , 0.3679]])
+    """
+
+    dims: int
+    accel_std: float | Sequence[float]
+    time_constant: float | Sequence[float]
+    accel_psd: float | Sequence[float] = 0.0
+
+    def __post_init__(self) -> None:
+        """Build the model."""
+        core = _trackrs.Motion.singer(
+            per_axis(self.accel_std, self.dims, "accel_std"),
+            per_axis(self.time_constant, self.dims, "time_constant"),
+            per_axis(self.accel_psd, self.dims, "accel_psd"),
+        )
+        object.__setattr__(self, "_core", core)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearMotion(Motion):
     """Motion by fixed matrices, x⁺ = F x + w with w ~ N(0, Q), once per positive time step whatever its length.

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, array, frozen, frozen_array, per_axis
-from trackrs.errors import DimensionError
+from trackrs.errors import DimensionError, ParameterError
 from trackrs.types import Fix, freeze_columns
 
 if TYPE_CHECKING:
@@ -36,12 +36,27 @@ class Sensor:
         """Names of the measurement's components."""
         return tuple(self._core.labels)
 
+    @property
+    def extra_labels(self) -> tuple[str, ...]:
+        """Names of the components that the sensor adds to the end of a filter's state; most sensors add none."""
+        return tuple(self._core.extra_labels)
+
     def noise(self) -> FloatArray:
         """Return R, (m, m)."""
         return frozen(self._core.noise())
 
+    def measurements(self, values: ArrayLike) -> FloatArray:
+        """Return rows of reports as the measurements (T, m) that a filter takes: the same, but for quaternions.
+
+        Raises:
+            DimensionError: `values` is not two-dimensional.
+        """
+        return array(values, "values", 2)
+
     def observe(self, state: ArrayLike, platform: ArrayLike | None = None) -> FloatArray:
         """Return the noise-free measurement of a state (n,), taken from a platform (d,) if the sensor moves.
+
+        The last components of the state are those of `extra_labels`; a position alone (d,) has none of them.
 
         Raises:
             UnobservableError: the sensor has no value there, for example range-bearing at its own position.
@@ -117,6 +132,11 @@ class RangeArray(Sensor):
 
     With such a sensor a filter starts by itself: `run(times, values)` needs no `initial`.
 
+    Ranges may have lasting errors, which an `ExtendedKalmanFilter` then estimates with the target: range = (1 + scale)
+    x distance + bias. They stand behind the state of the motion: `run.labels` has `bias0 ... bias{k-1}` and `scale`,
+    and `run.means[:, run.labels.index("scale")]` is the estimate. `initial` and `inputs` may leave them out: they are
+    then as known beforehand, zero with `bias_std` and `scale_std`, and have no input. The depth has no such error.
+
     Args:
         hydrophones: positions (k, d), metres, d = 2 or 3.
         range_std: standard deviation of a range, metres; a number or one per hydrophone. Travel times have
@@ -131,11 +151,17 @@ class RangeArray(Sensor):
             treats the survey as white noise: ranges to a badly surveyed hydrophone weigh less and are not taken for
             gross errors, but its error does not average out as the filter then believes, so that covariances are too
             small after many measurements. None: the survey is exact.
+        bias_std: standard deviation of the range biases before any measurement, metres; a number or one per hydrophone.
+            None: there are none.
+        scale_std: the same of one relative error common to all ranges, such as that of the sound speed. None: there is
+            none.
+        bias_psd: how fast the biases wander, m²/s: after dt seconds they have changed with variance `bias_psd` dt.
+        scale_psd: the same of the relative error, 1/s.
 
     Raises:
         DimensionError: `hydrophones` is not (k, 2) or (k, 3), or another shape does not fit.
         ParameterError: a standard deviation or speed is not positive (`survey_std` may be zero), or depth is used in 2
-            dimensions.
+            dimensions; a density is negative or has no standard deviation to go with.
 
     Reference:
         Xi, Liu, Tao, Lu, "Tracking submarine moving target with the adaptive estimation methodology"; spec label U5.
@@ -147,6 +173,9 @@ class RangeArray(Sensor):
         array([ 200.        , 1020.19801999, 1019.39197564,   50.        ])
         >>> array.fix([200.0, 1020.2, 1019.4, 50.0]).dof
         1
+        >>> radios = tr.RangeArray([[0, 0], [90, 0], [50, 60]], range_std=0.5, scale_std=0.1)
+        >>> tr.ExtendedKalmanFilter(tr.ConstantVelocity(dims=2, accel_psd=0.1), radios).labels
+        ('x', 'y', 'vx', 'vy', 'scale')
     """
 
     hydrophones: ArrayLike
@@ -155,6 +184,10 @@ class RangeArray(Sensor):
     sound_speed: float | ArrayLike | None = None
     side: Literal["above", "below"] | None = None
     survey_std: float | ArrayLike | None = None
+    bias_std: float | Sequence[float] | None = None
+    scale_std: float | None = None
+    bias_psd: float = 0.0
+    scale_psd: float = 0.0
 
     def __init__(
         self,
@@ -164,9 +197,27 @@ class RangeArray(Sensor):
         sound_speed: float | ArrayLike | None = None,
         side: Side | None = None,
         survey_std: float | ArrayLike | None = None,
+        *,
+        bias_std: float | Sequence[float] | None = None,
+        scale_std: float | None = None,
+        bias_psd: float = 0.0,
+        scale_psd: float = 0.0,
     ) -> None:
         """Copy the arrays and build the model."""
-        self._build(hydrophones, range_std, depth_std, sound_speed, side, survey_std, None)
+        bias = None if bias_std is None else per_axis(bias_std, len(array(hydrophones, "hydrophones", 2)), "bias_std")
+        for name, std, psd in (("bias", bias, bias_psd), ("scale", scale_std, scale_psd)):
+            if std is None and psd != 0.0:
+                msg = f"{name}_psd = {psd} is invalid: needs {name}_std, the standard deviation that it adds to"
+                raise ParameterError(msg)
+        extra: dict[str, Any] = {
+            "bias": None if bias is None else (bias, float(bias_psd)),
+            "scale": None if scale_std is None else (float(scale_std), float(scale_psd)),
+        }
+        self._build(hydrophones, range_std, depth_std, sound_speed, side, survey_std, None, extra)
+        kept = bias_std if bias is None or isinstance(bias_std, float | int) else tuple(bias)
+        values = {"bias_std": kept, "scale_std": scale_std, "bias_psd": bias_psd, "scale_psd": scale_psd}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     def _build(
         self,
@@ -177,6 +228,7 @@ class RangeArray(Sensor):
         side: Side | None,
         survey_std: float | ArrayLike | None,
         preset: str | None,
+        extra: dict[str, Any] | None = None,
     ) -> None:
         positions = frozen_array(hydrophones, "hydrophones", 2)
         std = per_axis(range_std, len(positions), "range_std")
@@ -188,6 +240,7 @@ class RangeArray(Sensor):
             preset=preset,
             survey_std=None if survey_std is None else _numbers(survey_std, "survey_std"),
             **_speeds(sound_speed),
+            **(extra or {}),
         )
         if survey_std is not None and np.ndim(survey_std) > 0:
             survey_std = frozen_array(survey_std, "survey_std", 1)
@@ -200,6 +253,10 @@ class RangeArray(Sensor):
             "sound_speed": sound_speed,
             "side": side,
             "survey_std": survey_std,
+            "bias_std": None,
+            "scale_std": None,
+            "bias_psd": 0.0,
+            "scale_psd": 0.0,
             "_core": core,
         }
         for name, value in values.items():
@@ -260,7 +317,8 @@ class RangeArray(Sensor):
 
         Args:
             arrays: at least one. All have the same number of coordinates, and all measure ranges or all travel times;
-                those with a sound speed profile must share it. Sides must agree; one that an array without depth gave
+                those with a sound speed profile must share it. None has `bias_std` or `scale_std`: declare these in one
+                array of all hydrophones. Sides must agree; one that an array without depth gave
                 is about the depth, and is dropped where the stack measures the depth.
 
         Raises:
@@ -293,6 +351,7 @@ class RangeArray(Sensor):
     def fix(self, values: ArrayLike, side: Side | None = None) -> Fix:
         """Return the position that one measurement (m,) gives by itself; any d ranges, or d - 1 and the depth, will do.
 
+        Lasting errors (`bias_std`, `scale_std`) are taken as zero and count in the covariance and in the test.
         Gauss-Newton from the closed-form positions. The test of its redundancy (`p_value`) shows a gross error; with
         `dof = 0` nothing can.
 

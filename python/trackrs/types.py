@@ -198,7 +198,7 @@ class FilterRun:
         statistics, p_values: (T,) the chi-square test of each measurement before anything was rejected, with as many
             degrees of freedom as it has observed components; empty without a screen.
         q_hat, r_hat: (T, d, d) and (T, m, m) noise in force after each measurement; empty without `adapt`.
-        restarts: rows at which the filter started anew after a lock-out.
+        restarts: rows at which the filter started anew, after a lock-out or a long gap.
         log_likelihood: sum over all measurements.
         labels: names of the state's components.
         start: first row of the run with an estimate, counted in the times given to `run`: 0 where an initial state was

@@ -11,8 +11,8 @@ use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod, QForm
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
+use trackrs::filter::search::Start;
 use trackrs::filter::sequence::{self, History, InitialState, Sequence};
-use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
@@ -91,6 +91,12 @@ impl Filter {
             let iterations = count("iterations", iterations)?;
             sequence::Filter::extended(motion.model.clone(), sensor.model.clone())?.with_iterations(iterations)
         })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with the curvature of the sensor in its updates.
+    fn with_second_order(&self, py: Python<'_>) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_second_order())?;
         Ok(Self { filter })
     }
 
@@ -228,16 +234,14 @@ impl Filter {
         history: &str,
         inputs: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Run<'py>> {
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        require_width(py, "measurement", m, values.shape()[1])?;
+        let inputs = inputs.map(|inputs| self.complete_inputs(py, &inputs, n)).transpose()?;
         let given = Given {
             times: array::c_slice(&times, "times")?,
             values: array::c_slice(&values, "values")?,
-            inputs: inputs.as_ref().map(|u| array::c_slice(u, "inputs")).transpose()?,
+            inputs: inputs.as_deref(),
         };
-        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        require_width(py, "measurement", m, values.shape()[1])?;
-        if let Some(inputs) = &inputs {
-            require_width(py, "input", n, inputs.shape()[1])?;
-        }
         let initial = initial.map(|(time, mean, cov)| {
             let state = array::gaussian(&mean, &cov)?;
             Ok::<_, PyErr>(InitialState { time, state })
@@ -259,7 +263,7 @@ impl Filter {
         let (initial, mut run, begin) = if let Some(initial) = initial {
             (initial, FilterRun::of(&self.filter), 0)
         } else {
-            let start = self.find_start(py, given.times, given.values)?;
+            let start = self.find_start(py, &given, n)?;
             let run = self.filter.begun(&start, history);
             (start.initial, run, start.row + 1)
         };
@@ -333,16 +337,34 @@ fn require_width(py: Python<'_>, name: &str, expected: usize, found: usize) -> P
 }
 
 impl Filter {
-    fn find_start(&self, py: Python<'_>, times: &[f64], values: &[f64]) -> PyResult<Start> {
+    /// T×n inputs; those that leave out the lasting errors of the sensor with zeros in their place.
+    fn complete_inputs(&self, py: Python<'_>, inputs: &PyReadonlyArray2<'_, f64>, n: usize) -> PyResult<Vec<f64>> {
+        let width = inputs.shape()[1];
+        if width != self.filter.kinematic_dim() {
+            require_width(py, "input", n, width)?;
+        }
+        let flat = array::c_slice(inputs, "inputs")?;
+        let mut complete = vec![0.0; inputs.shape()[0] * n];
+        for (to, from) in complete.chunks_exact_mut(n).zip(flat.chunks_exact(width)) {
+            to[..width].copy_from_slice(from);
+        }
+        Ok(complete)
+    }
+
+    fn find_start(&self, py: Python<'_>, given: &Given<'_>, n: usize) -> PyResult<Start> {
         let m = self.filter.sensor().measurement_dim();
         let mut starter = compute(py, || self.filter.starter())?;
-        for from in (0..times.len()).step_by(START_CHUNK) {
-            let part = from..(from + START_CHUNK).min(times.len());
-            let rows: Vec<_> = part
-                .clone()
-                .map(|row| DVector::from_column_slice(&values[row * m..(row + 1) * m]))
-                .collect();
-            let found = compute(py, || starter.search(&times[part], &rows))?;
+        let count = given.times.len();
+        for from in (0..count).step_by(START_CHUNK) {
+            let part = from..(from + START_CHUNK).min(count);
+            let rows = |flat: &[f64], width: usize| -> Vec<_> {
+                part.clone()
+                    .map(|row| DVector::from_column_slice(&flat[row * width..(row + 1) * width]))
+                    .collect()
+            };
+            let (times, values) = (given.times[part.clone()].to_vec(), rows(given.values, m));
+            let inputs = given.inputs.map(|inputs| rows(inputs, n));
+            let found = compute(py, || starter.search(&times, &values, inputs.as_deref()))?;
             if let Some(start) = found {
                 return Ok(Start {
                     row: from + start.row,

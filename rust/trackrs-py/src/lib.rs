@@ -10,6 +10,8 @@ mod fusion;
 mod geodesy;
 mod metric;
 mod model;
+mod pose;
+mod rotation;
 mod sim;
 mod smoother;
 mod stats;
@@ -34,11 +36,15 @@ mod _trackrs {
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
     #[pymodule_export]
+    use crate::rotation::{
+        rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_vectors,
+    };
+    #[pymodule_export]
     use crate::sim::{Underwater, reference_course, reference_hydrophones};
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]
-    use crate::stats::chi_square_quantile;
+    use crate::stats::{chi_square_quantile, regularise};
     #[pymodule_export]
     use crate::tracker::Tracker;
 

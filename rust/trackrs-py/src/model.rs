@@ -3,7 +3,9 @@
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk};
+use trackrs::model::motion::{
+    ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk, Singer,
+};
 use trackrs::model::sensor::{
     LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing, Side, SoundSpeed, SpeedProfile,
     check_platform,
@@ -13,6 +15,7 @@ use trackrs::{Error, Result};
 
 use crate::array;
 use crate::error::{compute, to_python};
+use crate::pose::{self, PoseFix};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Motion {
@@ -50,6 +53,14 @@ impl Motion {
         let model = compute(py, || ConstantAcceleration::new(kinematic_noise(psd, values)))?;
         Ok(Self {
             model: MotionModel::ConstantAcceleration(model),
+        })
+    }
+
+    #[staticmethod]
+    fn singer(py: Python<'_>, accel_std: Vec<f64>, time_constant: Vec<f64>, accel_psd: Vec<f64>) -> PyResult<Self> {
+        let model = compute(py, || Singer::new(accel_std, time_constant, accel_psd))?;
+        Ok(Self {
+            model: MotionModel::Singer(model),
         })
     }
 
@@ -136,9 +147,10 @@ fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) 
 
 #[pymethods]
 impl Sensor {
+    /// `bias` and `scale`: standard deviation and density of the extra states, where there are any.
     #[allow(clippy::too_many_arguments)]
     #[staticmethod]
-    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None))]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None, bias=None, scale=None))]
     fn range_array(
         py: Python<'_>,
         hydrophones: PyReadonlyArray2<'_, f64>,
@@ -149,10 +161,12 @@ impl Sensor {
         side: Option<&str>,
         preset: Option<&str>,
         survey_std: Option<Vec<f64>>,
+        bias: Option<(Vec<f64>, f64)>,
+        scale: Option<(f64, f64)>,
     ) -> PyResult<Self> {
         let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
         let model = compute(py, || {
-            let array = RangeArray::new(RangeArraySettings {
+            let mut array = RangeArray::new(RangeArraySettings {
                 hydrophones,
                 range_std,
                 survey_std: survey_std.unwrap_or_default(),
@@ -160,6 +174,12 @@ impl Sensor {
                 sound_speed: sound_speed(speeds, profile)?,
                 side: self::side(side)?,
             })?;
+            if let Some((std, psd)) = bias {
+                array = array.with_bias(std, psd)?;
+            }
+            if let Some((std, psd)) = scale {
+                array = array.with_scale(std, psd)?;
+            }
             match preset {
                 Some("bats") => array.require_bats(),
                 Some("toss") => array.require_toss(),
@@ -232,6 +252,33 @@ impl Sensor {
         })
     }
 
+    #[pyo3(signature = (angle_std, attitude, position_std=None))]
+    #[staticmethod]
+    fn pose(py: Python<'_>, angle_std: [f64; 3], attitude: &str, position_std: Option<[f64; 3]>) -> PyResult<Self> {
+        let model = compute(py, || pose::sensor(angle_std, attitude, position_std))?;
+        Ok(Self { model })
+    }
+
+    /// Reports of a pose sensor as measurements.
+    fn measurements<'py>(&self, values: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        pose::measurements(&self.model, &values)
+    }
+
+    #[staticmethod]
+    fn camera(
+        points: PyReadonlyArray2<'_, f64>,
+        intrinsics: PyReadonlyArray2<'_, f64>,
+        pixel_std: f64,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            model: pose::camera(&points, &intrinsics, pixel_std)?,
+        })
+    }
+
+    fn pose_fix<'py>(&self, value: PyReadonlyArray1<'py, f64>) -> PyResult<PoseFix<'py>> {
+        pose::fix(&self.model, &value)
+    }
+
     #[staticmethod]
     fn range_bearing(py: Python<'_>, position: [f64; 2], range_std: f64, bearing_std: f64) -> PyResult<Self> {
         let model = compute(py, || RangeBearing::new(position, range_std, bearing_std))?;
@@ -262,6 +309,12 @@ impl Sensor {
     #[getter]
     fn labels(&self) -> Vec<String> {
         self.model.labels()
+    }
+
+    /// Names of the components that the sensor adds to the state.
+    #[getter]
+    fn extra_labels(&self) -> Vec<String> {
+        self.model.nuisance().map_or_else(Vec::new, |nuisance| nuisance.labels)
     }
 
     fn noise<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -3,8 +3,8 @@
 use super::noise::NoiseMemory;
 use super::runner::Epoch;
 use super::screen::{Screened, Verdict};
+use super::search::Start;
 use super::sequence::{Filter, History};
-use super::start::Start;
 use crate::gaussian::Gaussians;
 use crate::linalg::stack::Stack;
 use crate::model::{Motion, Sensor};

@@ -2,19 +2,21 @@
 //!
 //! For k = 0..T: predict from the time before to t_k (the first from `initial.time`, dt = 0 allowed), then update with
 //! row k of the measurements. A row that is NaN throughout is a prediction only.
-//! Without an initial state the run begins where [`super::start`] finds one; rows before that are NaN.
+//! Without an initial state the run begins where [`super::search`] finds one; rows before that are NaN.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::extended::Rule;
 use super::noise::{LimitedMemoryNoise, NoiseMemory, QForm};
 use super::run::FilterRun;
 use super::runner::Runner;
 use super::screen::ChiSquareScreen;
-use super::start::{START_ALPHA, Start, Starter};
+use super::search::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
+use crate::model::motion::Augmented;
 use crate::model::sensor::check_platform;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
@@ -57,19 +59,24 @@ pub struct Sequence<'a> {
 pub struct Filter {
     motion: MotionModel,
     sensor: SensorModel,
-    iterations: usize,
+    rule: Rule,
     screen: Option<ChiSquareScreen>,
     adapt: Option<LimitedMemoryNoise>,
 }
 
 impl Filter {
-    /// The extended Kalman filter of these models.
+    /// The extended Kalman filter of these models. The lasting errors of a sensor that has such are estimated with the
+    /// target: they stand behind the state of the motion.
     pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
         sensor.check(&motion)?;
+        let motion = match sensor.nuisance() {
+            Some(nuisance) => MotionModel::Augmented(Box::new(Augmented::new(motion, nuisance))),
+            None => motion,
+        };
         Ok(Self {
             motion,
             sensor,
-            iterations: 1,
+            rule: Rule::Once,
             screen: None,
             adapt: None,
         })
@@ -101,7 +108,7 @@ impl Filter {
         if iterations == 0 {
             return Err(Error::invalid("iterations", 0, "must be at least 1"));
         }
-        self.iterations = iterations;
+        self.rule = Rule::Iterated(iterations);
         Ok(self)
     }
 
@@ -119,14 +126,28 @@ impl Filter {
         Ok(self)
     }
 
+    /// The same filter with the curvature of the sensor in its updates; an error if the sensor does not give it.
+    pub fn with_second_order(mut self) -> Result<Self> {
+        let unknown = Gaussian {
+            mean: DVector::from_element(self.motion.state_dim(), 1.0),
+            cov: DMatrix::identity(self.motion.state_dim(), self.motion.state_dim()),
+        };
+        if self.sensor.curvature(&unknown).is_none() {
+            let requirement = "needs a sensor that gives its curvature, such as RangeArray";
+            return Err(Error::invalid("second_order", true, requirement));
+        }
+        self.rule = Rule::SecondOrder;
+        Ok(self)
+    }
+
     /// The screen for gross errors, where one is set.
     pub fn screen(&self) -> Option<&ChiSquareScreen> {
         self.screen.as_ref()
     }
 
-    /// Most linearisations of the sensor per measurement.
-    pub(super) fn iterations(&self) -> usize {
-        self.iterations
+    /// How the sensor is linearised.
+    pub fn rule(&self) -> Rule {
+        self.rule
     }
 
     /// An empty memory of the noise estimator, where one is set.
@@ -171,7 +192,9 @@ impl Filter {
                 previous: 0.0,
             });
         }
-        Ok(kalman::predict(state, &self.motion, dt, input))
+        self.require_states("input", input)?;
+        let input = input.map(|input| self.complete_input(input));
+        Ok(kalman::predict(state, &self.motion, dt, input.as_ref()))
     }
 
     /// The estimate after one measurement (length m, NaN = not observed), taken from `platform` if the sensor moves.
@@ -183,7 +206,7 @@ impl Filter {
     ) -> Result<kalman::Update> {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
-        extended::update(state, &self.sensor, measurement, platform, self.iterations)
+        extended::update(state, &self.sensor, measurement, platform, self.rule)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
@@ -198,12 +221,11 @@ impl Filter {
     ) -> Result<FilterRun> {
         let m = self.sensor.measurement_dim();
         let flat = flatten("measurement", measurements, m)?;
-        let inputs = inputs.map(|rows| flatten("input", rows, self.motion.state_dim()));
-        let inputs = inputs.transpose()?;
+        let complete = inputs.map(|rows| self.flatten_inputs(rows)).transpose()?;
         let data = Sequence {
             times,
             measurements: &flat,
-            inputs: inputs.as_deref(),
+            inputs: complete.as_deref(),
             first_row: 0,
         };
         self.check(&data, initial)?;
@@ -213,7 +235,7 @@ impl Filter {
             Runner::new(self, initial)?
         } else {
             let mut starter = self.starter()?;
-            let Some(start) = starter.search(times, measurements)? else {
+            let Some(start) = starter.search(times, measurements, inputs)? else {
                 return Err(starter.failure());
             };
             run.push_start(self, &start, history);
@@ -223,6 +245,13 @@ impl Filter {
         run.reserve(times.len() - from, history);
         runner.advance(&data, from..times.len(), history, &mut run)?;
         Ok(run)
+    }
+
+    /// Inputs with or without the lasting errors of the sensor, one after the other.
+    fn flatten_inputs(&self, rows: &[DVector<f64>]) -> Result<Vec<f64>> {
+        self.require_states("input", rows)?;
+        let complete: Vec<_> = rows.iter().map(|row| self.complete_input(row)).collect();
+        flatten("input", &complete, self.motion.state_dim())
     }
 
     /// The search for the start of a run; an error if the models cannot start one.
@@ -245,7 +274,7 @@ impl Filter {
         require_size("measurements", count * m, data.measurements.len())?;
         if let Some(initial) = initial {
             require_finite("initial time", [&initial.time])?;
-            require_size("initial state", n, initial.state.dim())?;
+            self.require_states("initial state", [&initial.state.mean])?;
         }
         if let Some(inputs) = data.inputs {
             require_size("inputs", count * n, inputs.len())?;

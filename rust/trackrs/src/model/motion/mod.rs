@@ -1,7 +1,10 @@
 //! Motion models. State order is block order: all positions, then all velocities, then accelerations.
 
+mod augmented;
 mod kinematic;
 mod linear;
+mod rigid_body;
+mod singer;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -9,8 +12,13 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::space::StateSpace;
+
+pub use augmented::Augmented;
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 pub use linear::LinearMotion;
+pub use rigid_body::RigidBody;
+pub use singer::Singer;
 
 /// How a state moves on by `dt` seconds. `dt = 0` must be the identity without noise.
 pub trait Motion: Debug + Send + Sync {
@@ -26,12 +34,20 @@ pub trait Motion: Debug + Send + Sync {
     fn jacobian(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64>;
     /// Q: covariance of the noise gathered in `dt` seconds, n×n.
     fn noise(&self, dt: f64) -> DMatrix<f64>;
+    /// The same where it depends on the state.
+    fn noise_at(&self, _state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.noise(dt)
+    }
     /// Whether f(x) = F(dt) x with an F that does not depend on x, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
     /// How noise of a fixed covariance enters the state over `dt`, for models that have it so; what an estimator of the
     /// noise can estimate. Γ is zero for `dt = 0`.
     fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
         None
+    }
+    /// Where the states live: `jacobian`, `noise` and covariances are those of its differences.
+    fn space(&self) -> StateSpace {
+        StateSpace::euclidean(self.state_dim())
     }
 }
 
@@ -59,8 +75,14 @@ pub enum MotionModel {
     ConstantVelocity(ConstantVelocity),
     /// See [`ConstantAcceleration`].
     ConstantAcceleration(ConstantAcceleration),
+    /// See [`Singer`].
+    Singer(Singer),
     /// See [`LinearMotion`].
     Linear(LinearMotion),
+    /// See [`RigidBody`].
+    RigidBody(Box<RigidBody>),
+    /// See [`Augmented`].
+    Augmented(Box<Augmented>),
     /// A model from outside the library. It cannot be saved.
     #[serde(skip)]
     Custom(Arc<dyn Motion>),
@@ -72,7 +94,10 @@ impl MotionModel {
             Self::RandomWalk(m) => m,
             Self::ConstantVelocity(m) => m,
             Self::ConstantAcceleration(m) => m,
+            Self::Singer(m) => m,
             Self::Linear(m) => m,
+            Self::RigidBody(m) => m.as_ref(),
+            Self::Augmented(m) => m.as_ref(),
             Self::Custom(m) => m.as_ref(),
         }
     }
@@ -102,5 +127,11 @@ impl Motion for MotionModel {
     }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         self.as_motion().noise_input(dt)
+    }
+    fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.as_motion().noise_at(state, dt)
+    }
+    fn space(&self) -> StateSpace {
+        self.as_motion().space()
     }
 }

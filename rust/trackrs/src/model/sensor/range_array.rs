@@ -16,16 +16,21 @@
 //! stands for σ_i². It keeps such a range from being taken for a gross error and gives it less weight; but the shift is
 //! the same at every epoch and does not average out as white noise would, so that covariances are too small after many.
 //!
+//! With lasting errors η declared ([`super::nuisance`]) the range is (1 + s) |x − p_i| + b_i in all of this:
+//! ∂h_i/∂x = (1 + s) (x − p_i)ᵀ/|x − p_i|,  ∂h_i/∂b_i = 1,  ∂h_i/∂s = |x − p_i|, each times the slowness for a travel time.
+//! They are the last components of the state. A state that is a position alone has none of them.
+//!
 //! NaN = not heard. A target on a hydrophone has no derivative: an error that names the channel.
 //! Reference: paper of Xi, Liu, Tao, Lu, measurement equations; spec label U5.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::closed_form::{COLLINEAR, widest};
-use super::fix::{Fix, PositionFix, Side};
+use super::fix::Side;
+use super::nuisance::{Nuisance, RangeBias, RangeScale};
+use super::position_fix::PositionFix;
 use super::sound_speed::SoundSpeed;
-use super::{Motion, Sensor};
+use super::{Curvature, Motion, Sensor};
 use crate::error::{Error, Result, require_finite, require_non_negative, require_positive, require_size};
 use crate::gaussian::Gaussian;
 
@@ -52,13 +57,18 @@ pub struct RangeArraySettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RangeArray {
     pub(super) settings: RangeArraySettings,
+    pub(super) bias: Option<RangeBias>,
+    pub(super) scale: Option<RangeScale>,
 }
 
-/// One expected component of a measurement, its gradient on the position, and its standard deviation.
+/// One expected component of a measurement and its derivatives.
 pub(super) struct Row {
     pub(super) value: f64,
-    pub(super) gradient: DVector<f64>,
-    pub(super) std: f64,
+    /// On the position; the first d count.
+    pub(super) gradient: [f64; 3],
+    /// On the channel's bias and on the scale error.
+    pub(super) by_bias: f64,
+    pub(super) by_scale: f64,
 }
 
 impl RangeArray {
@@ -102,68 +112,11 @@ impl RangeArray {
         if let Some(speed) = &settings.sound_speed {
             speed.check(channels, dims)?;
         }
-        Ok(Self { settings })
-    }
-
-    /// Three hydrophones and the target's depth.
-    pub fn bats(
-        hydrophones: DMatrix<f64>,
-        range_std: f64,
-        depth_std: f64,
-        sound_speed: Option<SoundSpeed>,
-    ) -> Result<Self> {
-        let settings = RangeArraySettings {
-            hydrophones,
-            range_std: vec![range_std],
-            survey_std: Vec::new(),
-            depth_std: Some(depth_std),
-            sound_speed,
-            side: None,
-        };
-        Self::new(settings)?.require_bats()
-    }
-
-    /// Six hydrophones on the sea floor and no depth. They lie almost in one plane: `side` says where the target is.
-    pub fn toss(
-        hydrophones: DMatrix<f64>,
-        range_std: f64,
-        sound_speed: Option<SoundSpeed>,
-        side: Side,
-    ) -> Result<Self> {
-        let settings = RangeArraySettings {
-            hydrophones,
-            range_std: vec![range_std],
-            survey_std: Vec::new(),
-            depth_std: None,
-            sound_speed,
-            side: Some(side),
-        };
-        Self::new(settings)?.require_toss()
-    }
-
-    /// The array itself if it is three hydrophones, not collinear in plan, with depth.
-    pub fn require_bats(self) -> Result<Self> {
-        require_size("hydrophones of a BATS array", 3, self.channels())?;
-        require_size("measurement of a BATS array", 4, self.measurement_dim())?;
-        self.require_spread(2, "must not be collinear in plan")
-    }
-
-    /// The array itself if it is six hydrophones in 3 dimensions, not collinear, without depth.
-    pub fn require_toss(self) -> Result<Self> {
-        require_size("hydrophones of a TOSS array", 6, self.channels())?;
-        require_size("dimensions of hydrophones", 3, self.dims())?;
-        require_size("measurement of a TOSS array", 6, self.measurement_dim())?;
-        self.require_spread(3, "must not be collinear")
-    }
-
-    fn require_spread(self, dims: usize, requirement: &str) -> Result<Self> {
-        let points: Vec<DVector<f64>> = (0..self.channels())
-            .map(|i| self.hydrophone(i).rows(0, dims).into_owned())
-            .collect();
-        match widest(&points, COLLINEAR) {
-            Some(triple) if triple.third.is_some() => Ok(self),
-            _ => Err(Error::invalid("hydrophones", "given", requirement)),
-        }
+        Ok(Self {
+            settings,
+            bias: None,
+            scale: None,
+        })
     }
 
     /// What it is made of: standard deviations one per channel.
@@ -186,48 +139,57 @@ impl RangeArray {
         self.settings.hydrophones.row(i).transpose()
     }
 
-    /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position.
-    pub(super) fn row(&self, channel: usize, position: &DVector<f64>) -> Result<Row> {
-        let mut gradient = DVector::zeros(self.dims());
-        Ok(Row {
-            value: self.row_into(channel, position.as_slice(), gradient.as_mut_slice())?,
-            gradient,
-            std: self.std(channel),
-        })
-    }
-
-    /// The expected value of a component; its gradient goes into the leading elements of `row`, which is zero.
-    fn row_into(&self, channel: usize, position: &[f64], row: &mut [f64]) -> Result<f64> {
-        let last = self.dims() - 1;
+    /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position, with
+    /// these lasting errors (all of them, or none).
+    pub(super) fn row(&self, channel: usize, position: &[f64], nuisance: &[f64]) -> Result<Row> {
+        let dims = self.dims();
+        let mut gradient = [0.0; 3];
         if channel == self.channels() {
-            row[last] = 1.0;
-            return Ok(position[last]);
+            gradient[dims - 1] = 1.0;
+            return Ok(Row {
+                value: position[dims - 1],
+                gradient,
+                by_bias: 0.0,
+                by_scale: 0.0,
+            });
         }
-        let hydrophone = |axis: usize| self.settings.hydrophones[(channel, axis)];
         let mut square = 0.0;
-        for (axis, &x) in position.iter().enumerate() {
-            row[axis] = x - hydrophone(axis);
-            square += row[axis] * row[axis];
+        for i in 0..dims {
+            gradient[i] = position[i] - self.settings.hydrophones[(channel, i)];
+            square += gradient[i] * gradient[i];
         }
-        let range = square.sqrt();
-        if range == 0.0 {
+        let distance = square.sqrt();
+        if distance == 0.0 {
             return Err(Error::Unobservable {
                 sensor: "RangeArray".into(),
                 reason: format!("the target stands on the hydrophone of channel {channel}"),
             });
         }
-        let Some(speed) = &self.settings.sound_speed else {
-            row[..=last].iter_mut().for_each(|g| *g /= range);
-            return Ok(range);
+        let error = self.error_of(channel, nuisance);
+        let range = (1.0 + error.scale) * distance + error.bias;
+        for slope in &mut gradient {
+            *slope *= (1.0 + error.scale) / distance;
+        }
+        let mut row = Row {
+            value: range,
+            gradient,
+            by_bias: 1.0,
+            by_scale: distance,
         };
-        let slowness = speed.slowness(channel, position[last], hydrophone(last));
-        row[..=last].iter_mut().for_each(|g| *g = *g / range * slowness.mean);
-        row[last] += range * slowness.slope;
-        Ok(range * slowness.mean)
+        if let Some(speed) = &self.settings.sound_speed {
+            let own = self.settings.hydrophones[(channel, dims - 1)];
+            let slowness = speed.slowness(channel, position[dims - 1], own);
+            row.value *= slowness.mean;
+            row.gradient.iter_mut().for_each(|slope| *slope *= slowness.mean);
+            row.gradient[dims - 1] += range * slowness.slope;
+            row.by_bias = slowness.mean;
+            row.by_scale *= slowness.mean;
+        }
+        Ok(row)
     }
 
     /// Standard deviation of a component, in the unit of the measurement.
-    fn std(&self, channel: usize) -> f64 {
+    pub(super) fn std(&self, channel: usize) -> f64 {
         if channel < self.channels() {
             self.range_std(channel) / self.metres_per_unit(channel, None)
         } else {
@@ -279,10 +241,12 @@ impl Sensor for RangeArray {
     fn check(&self, motion: &dyn Motion) -> Result<()> {
         require_size("position of the motion model", self.dims(), motion.position_dims())
     }
-    fn observe(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DVector<f64>> {
+    fn observe(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DVector<f64>> {
+        let state = self.parts(state)?;
         let mut out = DVector::zeros(self.measurement_dim());
-        let mut jacobian = vec![0.0; out.len() * state.len()];
-        self.linearise_into(state, platform, out.as_mut_slice(), &mut jacobian)?;
+        for i in 0..out.len() {
+            out[i] = self.row(i, state.position, state.nuisance)?.value;
+        }
         Ok(out)
     }
     fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
@@ -298,14 +262,23 @@ impl Sensor for RangeArray {
         expected: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<()> {
-        let (n, dims) = (state.len(), self.dims());
-        if n < dims {
-            return Err(Error::dimension("state", dims, n));
-        }
-        let position = &state.as_slice()[..dims];
+        let n = state.len();
+        let state = self.parts(state)?;
+        let first = n - state.nuisance.len();
         jacobian.fill(0.0);
-        for (channel, (value, row)) in expected.iter_mut().zip(jacobian.chunks_exact_mut(n)).enumerate() {
-            *value = self.row_into(channel, position, row)?;
+        for (i, out) in jacobian.chunks_exact_mut(n).enumerate() {
+            let row = self.row(i, state.position, state.nuisance)?;
+            expected[i] = row.value;
+            out[..self.dims()].copy_from_slice(&row.gradient[..self.dims()]);
+            if state.nuisance.is_empty() || i == self.channels() {
+                continue;
+            }
+            if self.bias.is_some() {
+                out[first + i] = row.by_bias;
+            }
+            if let Some(index) = self.scale_index() {
+                out[first + index] = row.by_scale;
+            }
         }
         Ok(())
     }
@@ -321,18 +294,33 @@ impl Sensor for RangeArray {
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         Some(self)
     }
+    fn nuisance(&self) -> Option<Nuisance> {
+        self.declared()
+    }
+    fn curvature(&self, prior: &Gaussian) -> Option<Result<Curvature>> {
+        Some(self.curved(prior))
+    }
 }
 
-impl PositionFix for RangeArray {
-    fn fix(&self, measurement: &DVector<f64>) -> Result<Fix> {
-        self.fix_on(measurement, self.settings.side)
-    }
-    fn redundancy(&self) -> usize {
-        self.measurement_dim().saturating_sub(self.dims())
-    }
-    fn range_variance(&self) -> f64 {
-        let sum: f64 = self.settings.range_std.iter().map(|std| std * std).sum();
-        sum / self.channels() as f64
+/// The parts of a state that a range depends on.
+pub(super) struct Parts<'a> {
+    pub(super) position: &'a [f64],
+    /// All lasting errors, or none.
+    pub(super) nuisance: &'a [f64],
+}
+
+impl RangeArray {
+    pub(super) fn parts<'a>(&self, state: &'a DVector<f64>) -> Result<Parts<'a>> {
+        let (d, q) = (self.dims(), self.nuisance_dim());
+        let all = state.as_slice();
+        if all.len() != d && all.len() < d + q {
+            return Err(Error::dimension("state", d + q, all.len()));
+        }
+        let errors = if all.len() == d { 0 } else { q };
+        Ok(Parts {
+            position: &all[..d],
+            nuisance: &all[all.len() - errors..],
+        })
     }
 }
 

@@ -14,9 +14,9 @@
 
 use nalgebra::DMatrix;
 
-use super::RangeArray;
 use super::range_array::RangeArraySettings;
 use super::sound_speed::SoundSpeed;
+use super::{RangeArray, Sensor};
 use crate::error::{Error, Result, require_size};
 
 impl RangeArray {
@@ -31,6 +31,11 @@ impl RangeArray {
         };
         for (index, array) in arrays.iter().enumerate() {
             require_size(&format!("dimensions of array {index}"), first.dims(), array.dims())?;
+            if array.nuisance().is_some() {
+                let requirement =
+                    "must have no lasting errors to be stacked: declare them in one array of all hydrophones";
+                return Err(Error::invalid(&format!("array {index}"), "given", requirement));
+            }
         }
         let settings = || arrays.iter().map(|array| &array.settings);
         let depth_std = settings().filter_map(|s| s.depth_std).reduce(f64::min);
@@ -103,8 +108,8 @@ fn stack_speeds(arrays: &[RangeArray]) -> Result<Option<SoundSpeed>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Side;
     use super::super::sound_speed::SpeedProfile;
-    use super::super::{Sensor, Side};
     use super::*;
     use nalgebra::DVector;
 
