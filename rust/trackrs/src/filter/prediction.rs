@@ -137,6 +137,7 @@ fn predict_cov<const N: usize>(
     let [product, transposed] = work;
     f.multiply(n, cov, product);
     kernel::transpose(n, product, transposed);
-    f.multiply_add(n, transposed, noise, out);
+    out.copy_from_slice(noise);
+    f.add_product(n, transposed, out);
     kernel::mirror(n, out);
 }
