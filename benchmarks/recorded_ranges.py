@@ -122,7 +122,7 @@ def show_walk(walk: Walk) -> None:
 
 def draw_walk(walk: Walk, path: Path) -> None:
     """Picture of the smoothed walk from above and of the biases as the filter learns them."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 (only the picture needs it)
+    from matplotlib.figure import Figure
 
     run = walked(walk)
     smoothed = run.smooth()
