@@ -62,7 +62,7 @@ macro_rules! joseph_of {
             scratch: &mut Scratch,
             out: &mut Gaussian,
         ) {
-            joseph(known::<N>(n), ($m)(expected), expected, prior, innovation, scratch, out);
+            joseph::<N>(known::<N>(n), ($m)(expected), expected, prior, innovation, scratch, out);
         })*
     };
 }
@@ -76,7 +76,7 @@ joseph_of! {
 }
 
 #[inline(always)]
-fn joseph(
+fn joseph<const N: usize>(
     n: usize,
     m: usize,
     expected: &MeasurementPrediction,
@@ -95,23 +95,19 @@ fn joseph(
     );
     let (innovation, lower) = (&innovation[..m], &expected.lower[..m * m]);
     gain.copy_from_slice(hp);
-    kernel::solve_lower(m, n, lower, gain);
-    kernel::solve_upper(m, n, lower, gain);
-    let mean = out.mean.as_mut_slice();
-    mean.copy_from_slice(prior.mean);
-    for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
-        kernel::add_scaled(mean, r, row);
-    }
-    left.copy_from_slice(&prior.cov[..n * n]);
-    kernel::subtract_transposed_product(n, hp, gain, left);
-    expected.sparse.multiply(n, left, seen);
-    kernel::multiply_sparse(m, n, &expected.noise, gain, rest);
+    kernel::solve_lower::<N>(m, n, lower, gain);
+    kernel::solve_upper::<N>(m, n, lower, gain);
+    let rows = gain.chunks_exact(n.max(1));
+    let terms = innovation.iter().copied().zip(rows);
+    kernel::combine::<N>(Some(prior.mean), terms, out.mean.as_mut_slice());
+    kernel::subtract_transposed_product::<N>(n, &prior.cov[..n * n], hp, gain, left);
+    expected.sparse.multiply::<N>(n, left, seen);
+    kernel::multiply_sparse::<N>(m, n, &expected.noise, gain, rest);
     for (x, y) in rest.iter_mut().zip(seen.iter()) {
         *x -= y;
     }
-    let cov = out.cov.as_mut_slice();
-    cov.copy_from_slice(left);
-    kernel::add_transposed_product(n, gain, rest, cov);
+    let cov = &mut out.cov.as_mut_slice()[..n * n];
+    kernel::add_transposed_product::<N>(n, left, gain, rest, cov);
     kernel::symmetrise(n, cov);
 }
 
@@ -177,7 +173,7 @@ impl Correction {
         let all = self.observed.len() == innovation.len();
         let expected = if all { expected } else { &self.part };
         self.whitened.clone_from(&self.innovation);
-        kernel::solve_lower(expected.m, 1, &expected.lower, &mut self.whitened);
+        kernel::solve_lower::<1>(expected.m, 1, &expected.lower, &mut self.whitened);
         self.nis = kernel::dot(&self.whitened, &self.whitened);
         self.dof = self.observed.len();
         self.log_likelihood = expected.log_likelihood(self.nis);

@@ -27,7 +27,8 @@ use super::correction::{Correction, Scratch};
 use super::prediction::Prediction;
 use crate::error::{Error, Result, require_size};
 use crate::gaussian::Gaussian;
-use crate::linalg::kernel::{self, BadPivot, Sparse, known, sized};
+use crate::linalg::kernel::{self, BadPivot, known, sized};
+use crate::linalg::sparse::Sparse;
 use crate::model::Motion;
 
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
@@ -164,7 +165,7 @@ impl MeasurementPrediction {
     /// The innovation whitened by S; all components observed.
     pub fn whiten(&self, innovation: &DVector<f64>) -> WhitenedInnovation {
         let mut whitened = innovation.clone();
-        kernel::solve_lower(self.m, 1, &self.lower, whitened.as_mut_slice());
+        kernel::solve_lower::<1>(self.m, 1, &self.lower, whitened.as_mut_slice());
         let nis = kernel::dot(whitened.as_slice(), whitened.as_slice());
         WhitenedInnovation {
             whitened,
@@ -228,7 +229,7 @@ impl MeasurementPrediction {
 /// H P, m×n.
 fn cross<const N: usize>(n: usize, h: &Sparse, cov: &[f64], out: &mut [f64]) {
     let n = known::<N>(n);
-    h.multiply(n, cov, out);
+    h.multiply::<N>(n, cov, out);
 }
 
 fn factor<const N: usize>(m: usize, s: &mut [f64]) -> std::result::Result<(), BadPivot> {

@@ -109,7 +109,7 @@ impl Link {
     /// cov(x_i, x_{i−1}) from the covariance of the later epoch, n×n row by row.
     pub(super) fn lag_one(&self, later_cov: &[f64], out: &mut [f64]) {
         let n = self.n;
-        kernel::multiply(n, n, later_cov, &self.gain_transposed, out);
+        kernel::multiply::<0>(n, n, later_cov, &self.gain_transposed, out);
     }
 }
 
@@ -166,20 +166,20 @@ fn fill<const N: usize>(
         rest.fill(0.0);
         return;
     }
-    kernel::multiply_sparse(n, n, f, cov, gain_transposed);
-    kernel::solve_lower(n, n, lower, gain_transposed);
-    kernel::solve_upper(n, n, lower, gain_transposed);
+    kernel::multiply_sparse::<N>(n, n, f, cov, gain_transposed);
+    kernel::solve_lower::<N>(n, n, lower, gain_transposed);
+    kernel::solve_upper::<N>(n, n, lower, gain_transposed);
     kernel::transpose(n, gain_transposed, gain);
     // I − C F, its transpose, and what it makes of P.
-    kernel::multiply(n, n, gain, f, first);
+    kernel::multiply::<N>(n, n, gain, f, first);
     for (i, x) in first.iter_mut().enumerate() {
         *x = if i.is_multiple_of(n + 1) { 1.0 } else { 0.0 } - *x;
     }
     kernel::transpose(n, first, second);
-    kernel::multiply(n, n, first, cov, third);
+    kernel::multiply::<N>(n, n, first, cov, third);
     rest.fill(0.0);
     kernel::add_product_lower(n, n, third, second, rest);
-    kernel::multiply(n, n, gain, q, third);
+    kernel::multiply::<N>(n, n, gain, q, third);
     kernel::add_product_lower(n, n, third, gain_transposed, rest);
     kernel::mirror(n, rest);
 }
@@ -201,7 +201,7 @@ fn back<const N: usize>(
     for (k, &d) in offset.iter().enumerate() {
         kernel::add_scaled(mean, d, &link.gain_transposed[k * n..(k + 1) * n]);
     }
-    kernel::multiply(n, n, &link.gain, later.cov, first);
+    kernel::multiply::<N>(n, n, &link.gain, later.cov, first);
     cov.copy_from_slice(&link.rest);
     kernel::add_product_lower(n, n, first, &link.gain_transposed, cov);
     kernel::mirror(n, cov);

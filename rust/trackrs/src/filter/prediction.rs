@@ -14,7 +14,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::kalman::copy_rows;
 use crate::gaussian::Gaussian;
-use crate::linalg::kernel::{self, Sparse, known, sized};
+use crate::linalg::kernel::{self, known, sized};
+use crate::linalg::sparse::Sparse;
 use crate::model::Motion;
 
 /// A prediction and the matrices that made it, which a smoother needs again. Its memory serves one epoch after another.
@@ -26,6 +27,7 @@ pub struct Prediction {
     noise: Vec<f64>,
     /// F again.
     sparse: Sparse,
+    /// A row of F P, and (F P)ᵀ.
     product: Vec<f64>,
     transposed: Vec<f64>,
     /// The step that F is of, and that for which Q is the model's own; NaN: none.
@@ -44,7 +46,7 @@ impl Prediction {
             transition: vec![0.0; n * n],
             noise: vec![0.0; n * n],
             sparse: Sparse::default(),
-            product: vec![0.0; n * n],
+            product: vec![0.0; n],
             transposed: vec![0.0; n * n],
             transition_dt: f64::NAN,
             noise_dt: f64::NAN,
@@ -134,10 +136,8 @@ fn predict_cov<const N: usize>(
     out: &mut [f64],
 ) {
     let n = known::<N>(n);
-    let [product, transposed] = work;
-    f.multiply(n, cov, product);
-    kernel::transpose(n, product, transposed);
-    out.copy_from_slice(noise);
-    f.add_product(n, transposed, out);
+    let [row, transposed] = work;
+    f.multiply_transposed::<N>(n, cov, row, transposed);
+    f.add_product::<N>(n, noise, transposed, out);
     kernel::mirror(n, out);
 }

@@ -84,7 +84,7 @@ impl Remembered {
                 let from = (block * d + b) * n;
                 kernel::add_scaled(row, q[(a, b)], &entry.gain[from..from + n]);
             }
-            kernel::solve_lower(n, 1, lower, row);
+            kernel::solve_lower::<1>(n, 1, lower, row);
         }
         for i in 0..size {
             for j in 0..size {
@@ -97,7 +97,7 @@ impl Remembered {
             }
         }
         for row in self.projection.chunks_exact_mut(n.max(1)) {
-            kernel::solve_upper(n, 1, lower, row);
+            kernel::solve_upper::<1>(n, 1, lower, row);
         }
     }
 }
@@ -179,12 +179,12 @@ impl Sums {
 
 fn product<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
     let n = known::<N>(n);
-    kernel::multiply(n, n, a, b, out);
+    kernel::multiply::<N>(n, n, a, b, out);
 }
 
 fn sparse_product<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
     let n = known::<N>(n);
-    kernel::multiply_sparse(n, n, a, b, out);
+    kernel::multiply_sparse::<N>(n, n, a, b, out);
 }
 
 /// Where the way back works.

@@ -50,27 +50,65 @@ fn add_part(row: &mut [f64], factor: f64, other: &[f64]) {
     }
 }
 
+/// `out` = `start` (nothing: zeros) + Σ factor × row over the terms, in their order. A row of a constant length stays in
+/// registers until its sum is complete.
+#[inline(always)]
+pub(crate) fn combine<'a, const N: usize>(
+    start: Option<&[f64]>,
+    terms: impl Iterator<Item = (f64, &'a [f64])>,
+    out: &mut [f64],
+) {
+    if N > 0
+        && let Some(out) = out.first_chunk_mut::<N>()
+    {
+        let mut sum = start.and_then(<[f64]>::first_chunk).copied().unwrap_or([0.0; N]);
+        for (factor, row) in terms {
+            if let Some(row) = row.first_chunk::<N>() {
+                add_scaled(&mut sum, factor, row);
+            }
+        }
+        *out = sum;
+        return;
+    }
+    match start {
+        Some(start) => out.copy_from_slice(start),
+        None => out.fill(0.0),
+    }
+    for (factor, row) in terms {
+        add_scaled(out, factor, row);
+    }
+}
+
+/// `row` += Σ factor × other over the terms, like [`combine`].
+#[inline(always)]
+fn accumulate<'a, const N: usize>(row: &mut [f64], terms: impl Iterator<Item = (f64, &'a [f64])>) {
+    if N > 0
+        && let Some(row) = row.first_chunk_mut::<N>()
+    {
+        let start = *row;
+        combine::<N>(Some(&start), terms, row);
+        return;
+    }
+    for (factor, other) in terms {
+        add_scaled(row, factor, other);
+    }
+}
+
 /// `out` (r×n) = A (r×k) B (k×n).
 #[inline(always)]
-pub(crate) fn multiply(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+pub(crate) fn multiply<const N: usize>(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
     for (row, coefficients) in out.chunks_exact_mut(n.max(1)).zip(a.chunks_exact(k.max(1))) {
-        row.fill(0.0);
-        for (&factor, other) in coefficients.iter().zip(b.chunks_exact(n.max(1))) {
-            add_scaled(row, factor, other);
-        }
+        let terms = coefficients.iter().copied().zip(b.chunks_exact(n.max(1)));
+        combine::<N>(None, terms, row);
     }
 }
 
 /// The same for an A of many zeros, whose rows of B are left out.
 #[inline(always)]
-pub(crate) fn multiply_sparse(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+pub(crate) fn multiply_sparse<const N: usize>(k: usize, n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
     for (row, coefficients) in out.chunks_exact_mut(n.max(1)).zip(a.chunks_exact(k.max(1))) {
-        row.fill(0.0);
-        for (&factor, other) in coefficients.iter().zip(b.chunks_exact(n.max(1))) {
-            if factor != 0.0 {
-                add_scaled(row, factor, other);
-            }
-        }
+        let terms = coefficients.iter().copied().zip(b.chunks_exact(n.max(1)));
+        combine::<N>(None, terms.filter(|&(factor, _)| factor != 0.0), row);
     }
 }
 
@@ -86,78 +124,23 @@ pub(crate) fn add_product_lower(k: usize, n: usize, a: &[f64], b: &[f64], out: &
     }
 }
 
-/// Adds Aᵀ B to `out` (n×n), A and B being k×n.
+/// `out` = C + Aᵀ B, C being n×n, A and B k×n.
 #[inline(always)]
-pub(crate) fn add_transposed_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
-    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
-        for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
-            add_scaled(row, left[i], right);
-        }
+pub(crate) fn add_transposed_product<const N: usize>(n: usize, c: &[f64], a: &[f64], b: &[f64], out: &mut [f64]) {
+    let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
+    for (i, (row, start)) in rows.enumerate() {
+        let terms = a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1)));
+        combine::<N>(Some(start), terms.map(|(left, right)| (left[i], right)), row);
     }
 }
 
-/// Subtracts Aᵀ B from `out` (n×n), A and B being k×n.
+/// `out` = C − Aᵀ B, C being n×n, A and B k×n.
 #[inline(always)]
-pub(crate) fn subtract_transposed_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
-    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
-        for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
-            add_scaled(row, -left[i], right);
-        }
-    }
-}
-
-/// The numbers of a matrix that are not zero, row by row, for one that is used again and again.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Sparse {
-    /// Where each row ends among the entries.
-    ends: Vec<usize>,
-    /// Column and value.
-    entries: Vec<(usize, f64)>,
-}
-
-impl Sparse {
-    /// Takes over a matrix of rows of length n.
-    pub(crate) fn set(&mut self, n: usize, matrix: &[f64]) {
-        self.ends.clear();
-        self.entries.clear();
-        for row in matrix.chunks_exact(n.max(1)) {
-            let filled = row.iter().copied().enumerate().filter(|&(_, value)| value != 0.0);
-            self.entries.extend(filled);
-            self.ends.push(self.entries.len());
-        }
-    }
-
-    /// `out` = A B, B with rows of length n.
-    #[inline(always)]
-    pub(crate) fn multiply(&self, n: usize, b: &[f64], out: &mut [f64]) {
-        let mut from = 0;
-        for (row, &to) in out.chunks_exact_mut(n.max(1)).zip(&self.ends) {
-            row.fill(0.0);
-            for &(k, factor) in &self.entries[from..to] {
-                add_scaled(row, factor, &b[k * n..(k + 1) * n]);
-            }
-            from = to;
-        }
-    }
-
-    /// Adds A B to `out`, B with rows of length n.
-    #[inline(always)]
-    pub(crate) fn add_product(&self, n: usize, b: &[f64], out: &mut [f64]) {
-        let mut from = 0;
-        for (row, &to) in out.chunks_exact_mut(n.max(1)).zip(&self.ends) {
-            for &(k, factor) in &self.entries[from..to] {
-                add_scaled(row, factor, &b[k * n..(k + 1) * n]);
-            }
-            from = to;
-        }
-    }
-
-    /// Row `index` of A times a vector.
-    #[inline(always)]
-    pub(crate) fn row_dot(&self, index: usize, vector: &[f64]) -> f64 {
-        let from = if index == 0 { 0 } else { self.ends[index - 1] };
-        let entries = &self.entries[from..self.ends[index]];
-        entries.iter().fold(0.0, |sum, &(k, value)| sum + value * vector[k])
+pub(crate) fn subtract_transposed_product<const N: usize>(n: usize, c: &[f64], a: &[f64], b: &[f64], out: &mut [f64]) {
+    let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
+    for (i, (row, start)) in rows.enumerate() {
+        let terms = a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1)));
+        combine::<N>(Some(start), terms.map(|(left, right)| (-left[i], right)), row);
     }
 }
 
@@ -231,15 +214,14 @@ pub(crate) fn cholesky(n: usize, a: &mut [f64]) -> Result<(), BadPivot> {
     Ok(())
 }
 
-/// The rows of `b` (m×w) become those of L⁻¹ B.
+/// The rows of `b` (m×w) become those of L⁻¹ B; W is w where that is a constant, else 0.
 #[inline(always)]
-pub(crate) fn solve_lower(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
+pub(crate) fn solve_lower<const W: usize>(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
     for i in 0..m {
         let (before, rest) = b.split_at_mut(i * w);
         let row = &mut rest[..w];
-        for (k, other) in before.chunks_exact(w.max(1)).enumerate() {
-            add_scaled(row, -l[i * m + k], other);
-        }
+        let others = before.chunks_exact(w.max(1)).enumerate();
+        accumulate::<W>(row, others.map(|(k, other)| (-l[i * m + k], other)));
         let inverse = 1.0 / l[i * m + i];
         for x in row {
             *x *= inverse;
@@ -247,15 +229,14 @@ pub(crate) fn solve_lower(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
     }
 }
 
-/// The rows of `b` (m×w) become those of L⁻ᵀ B.
+/// The rows of `b` (m×w) become those of L⁻ᵀ B; W as there.
 #[inline(always)]
-pub(crate) fn solve_upper(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
+pub(crate) fn solve_upper<const W: usize>(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
     for i in (0..m).rev() {
         let (start, after) = b.split_at_mut((i + 1) * w);
-        let row = &mut start[i * w..];
-        for (k, other) in after.chunks_exact(w.max(1)).enumerate() {
-            add_scaled(row, -l[(i + 1 + k) * m + i], other);
-        }
+        let row = &mut start[i * w..][..w];
+        let others = after.chunks_exact(w.max(1)).enumerate();
+        accumulate::<W>(row, others.map(|(k, other)| (-l[(i + 1 + k) * m + i], other)));
         let inverse = 1.0 / l[i * m + i];
         for x in row {
             *x *= inverse;
@@ -284,7 +265,7 @@ mod tests {
 
     fn square<const N: usize>(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
         let n = known::<N>(n);
-        multiply(n, n, a, b, out);
+        multiply::<N>(n, n, a, b, out);
     }
 
     fn numbers(count: usize) -> Vec<f64> {
@@ -299,7 +280,7 @@ mod tests {
             sized!(square(size, &a, &b[size..], &mut constant));
             square::<0>(size, &a, &b[size..], &mut any);
             assert_eq!(constant, any);
-            multiply_sparse(size, size, &a, &b[size..], &mut constant);
+            multiply_sparse::<0>(size, size, &a, &b[size..], &mut constant);
             assert_eq!(constant, any);
         }
     }
@@ -311,15 +292,15 @@ mod tests {
             let mut bt = b.clone();
             transpose(n, &b, &mut bt);
             let mut a = vec![0.0; n * n];
-            multiply(n, n, &b, &bt, &mut a);
+            multiply::<0>(n, n, &b, &bt, &mut a);
             (0..n).for_each(|i| a[i * n + i] += 1.0);
             let mut l = a.clone();
             cholesky(n, &mut l).unwrap();
             let mut x = numbers(n * 2);
-            solve_lower(n, 2, &l, &mut x);
-            solve_upper(n, 2, &l, &mut x);
+            solve_lower::<2>(n, 2, &l, &mut x);
+            solve_upper::<0>(n, 2, &l, &mut x);
             let mut back = vec![0.0; n * 2];
-            multiply(n, 2, &a, &x, &mut back);
+            multiply::<0>(n, 2, &a, &x, &mut back);
             for (found, expected) in back.iter().zip(numbers(n * 2)) {
                 assert!((found - expected).abs() < 1e-10, "{n}");
             }

@@ -3,5 +3,6 @@
 pub mod cholesky;
 pub(crate) mod kernel;
 pub mod saved;
+pub(crate) mod sparse;
 pub mod stack;
 pub mod symmetric;
