@@ -7,11 +7,16 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
+use trackrs::filter::lead::Lead;
+use trackrs::filter::nis_noise::NisScaledNoise;
 use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod, QForm, RForm};
+use trackrs::filter::residual_noise::{Memory, QFrom, RFrom, ResidualNoise};
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
 use trackrs::filter::sequence::{self, History, InitialState, Sequence};
+use trackrs::filter::sigma_points::SigmaPoints;
+use trackrs::filter::square_root::Form;
 use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
@@ -70,9 +75,35 @@ pub(crate) struct Run<'py> {
     p_values: Bound<'py, PyArray1<f64>>,
     q_hat: Bound<'py, PyArray3<f64>>,
     r_hat: Bound<'py, PyArray3<f64>>,
+    lead_times: Bound<'py, PyArray1<f64>>,
+    lead_means: Bound<'py, PyArray2<f64>>,
+    lead_covs: Bound<'py, PyArray3<f64>>,
     restarts: Vec<usize>,
     log_likelihood: f64,
     start: usize,
+}
+
+/// How far ahead, as the user says it.
+#[derive(FromPyObject)]
+pub(crate) enum GivenLead {
+    Name(String),
+    Seconds(f64),
+    Each(Vec<f64>),
+}
+
+impl GivenLead {
+    fn seconds(self, times: &[f64], horizon: Option<f64>) -> trackrs::Result<Vec<f64>> {
+        let lead = match self {
+            Self::Name(name) if name == "midpoint" => Lead::Midpoint,
+            Self::Name(other) => {
+                let requirement = "must be midpoint, seconds, or seconds for every time";
+                return Err(trackrs::Error::invalid("lead", other, requirement));
+            }
+            Self::Seconds(lead) => Lead::Seconds(lead),
+            Self::Each(leads) => Lead::Each(leads),
+        };
+        lead.seconds(times, horizon)
+    }
 }
 
 #[pymethods]
@@ -91,6 +122,112 @@ impl Filter {
             let iterations = count("iterations", iterations)?;
             sequence::Filter::extended(motion.model.clone(), sensor.model.clone())?.with_iterations(iterations)
         })?;
+        Ok(Self { filter })
+    }
+
+    /// Unscented, scaled where alpha is given; cubature is kappa = 0.
+    #[staticmethod]
+    fn sigma_points(
+        py: Python<'_>,
+        motion: &Motion,
+        sensor: &Sensor,
+        kappa: f64,
+        scale: Option<(f64, f64)>,
+        redraw: bool,
+    ) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let points = match scale {
+                Some((alpha, beta)) => SigmaPoints::scaled(alpha, beta, kappa)?,
+                None => SigmaPoints::unscented(kappa),
+            };
+            let points = if redraw { points } else { points.carried() };
+            sequence::Filter::sigma_points(motion.model.clone(), sensor.model.clone(), points)
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with its covariances carried in another form.
+    fn with_form(&self, py: Python<'_>, form: &str) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let form = match form {
+                "joseph" => Form::Joseph,
+                "square_root" => Form::SquareRoot,
+                other => {
+                    let requirement = "must be joseph or square_root";
+                    return Err(trackrs::Error::invalid("form", other, requirement));
+                }
+            };
+            self.filter.clone().with_form(form)
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with each prediction in so many steps.
+    fn with_steps(&self, py: Python<'_>, steps: i64) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_steps(count("steps", steps)?))?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with a longest lead, seconds.
+    fn with_horizon(&self, py: Python<'_>, horizon: f64) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_horizon(horizon))?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with its noise estimated from residuals; `memory` is its name and its parameter, where it has one.
+    #[allow(clippy::too_many_arguments)]
+    fn with_residual_noise(
+        &self,
+        py: Python<'_>,
+        memory: (String, Option<f64>),
+        r: &str,
+        q: Option<&str>,
+        r_limits: (f64, f64),
+        q_floor: f64,
+        diagonal: bool,
+        first_epoch: i64,
+    ) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let refused =
+                |name: &str, value: &str, requirement: &str| Err(trackrs::Error::invalid(name, value, requirement));
+            let memory = match (memory.0.as_str(), memory.1) {
+                ("cumulative", _) => Memory::Cumulative,
+                ("window", Some(size)) => Memory::Window(size as usize),
+                ("fading", Some(factor)) => Memory::Fading(factor),
+                (other, _) => return refused("memory", other, "must be cumulative, window or fading"),
+            };
+            let r = match r {
+                "paper" => RFrom::Paper,
+                "resid" => RFrom::Resid,
+                "innov" => RFrom::Innov,
+                other => return refused("r", other, "must be paper, resid or innov"),
+            };
+            let q = match q {
+                None => None,
+                Some("paper") => Some(QFrom::Paper),
+                Some("innovation") => Some(QFrom::Innovation),
+                Some(other) => return refused("q", other, "must be paper, innovation or None"),
+            };
+            self.filter.clone().with_adaptation(ResidualNoise {
+                memory,
+                r,
+                q,
+                r_limits: EigenLimits {
+                    min: r_limits.0,
+                    max: r_limits.1,
+                },
+                q_floor,
+                diagonal,
+                first_epoch: count("first_epoch", first_epoch)?,
+            })
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with its motion noise scaled by the innovations.
+    fn with_nis_noise(&self, py: Python<'_>, psd_limits: [f64; 2], eta: f64, cap: f64) -> PyResult<Self> {
+        let rule = NisScaledNoise { psd_limits, eta, cap };
+        let filter = compute(py, || self.filter.clone().with_adaptation(rule))?;
         Ok(Self { filter })
     }
 
@@ -210,7 +347,7 @@ impl Filter {
     }
 
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (times, values, initial, history, inputs=None))]
+    #[pyo3(signature = (times, values, initial, history, inputs=None, lead=None))]
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -219,9 +356,14 @@ impl Filter {
         initial: Option<Initial<'py>>,
         history: &str,
         inputs: Option<PyReadonlyArray2<'py, f64>>,
+        lead: Option<GivenLead>,
     ) -> PyResult<Run<'py>> {
+        let times_given = array::c_slice(&times, "times")?;
+        let leads = lead.map(|lead| lead.seconds(times_given, self.filter.horizon())).transpose();
+        let leads = leads.map_err(|error| to_python(py, &error))?;
         let given = Given {
-            times: array::c_slice(&times, "times")?,
+            leads: leads.as_deref(),
+            times: times_given,
             values: array::c_slice(&values, "values")?,
             inputs: inputs.as_ref().map(|u| array::c_slice(u, "inputs")).transpose()?,
         };
@@ -252,11 +394,14 @@ impl Filter {
             (initial, FilterRun::of(&self.filter), 0)
         } else {
             let start = self.find_start(py, given.times, given.values)?;
-            let run = self.filter.begun(&start, history);
+            let run = self.filter.begun(&start, history, leads.is_some());
             (start.initial, run, start.row + 1)
         };
         run.reserve(given.times.len() - begin, history);
         let mut runner = compute(py, || Runner::new(&self.filter, &initial))?;
+        if let (Some(leads), 1..) = (&leads, begin) {
+            compute(py, || runner.look_ahead(leads[begin - 1], history, &mut run))?;
+        }
         let mut row = begin;
         while row < given.times.len() {
             // A copy, because another thread may write to the arrays while the interpreter is released.
@@ -284,6 +429,7 @@ impl Filter {
 
 /// The arrays given to a run.
 struct Given<'a> {
+    leads: Option<&'a [f64]>,
     times: &'a [f64],
     values: &'a [f64],
     inputs: Option<&'a [f64]>,
@@ -291,6 +437,7 @@ struct Given<'a> {
 
 /// A copy of some of their rows.
 struct Piece {
+    leads: Option<Vec<f64>>,
     times: Vec<f64>,
     values: Vec<f64>,
     inputs: Option<Vec<f64>>,
@@ -301,6 +448,7 @@ impl Given<'_> {
     fn piece(&self, rows: Range<usize>, m: usize, n: usize) -> Piece {
         let part = |array: &[f64], width: usize| array[rows.start * width..rows.end * width].to_vec();
         Piece {
+            leads: self.leads.map(|leads| part(leads, 1)),
             times: part(self.times, 1),
             values: part(self.values, m),
             inputs: self.inputs.map(|inputs| part(inputs, n)),
@@ -315,6 +463,7 @@ impl Piece {
             times: &self.times,
             measurements: &self.values,
             inputs: self.inputs.as_deref(),
+            leads: self.leads.as_deref(),
             first_row: self.first_row,
         }
     }
@@ -368,6 +517,9 @@ impl Filter {
             p_values: PyArray1::from_iter(py, run.screened.iter().map(|s| s.p_value)),
             q_hat: array::from_matrices(py, run.q_hat)?,
             r_hat: array::from_matrices(py, run.r_hat)?,
+            lead_times: PyArray1::from_vec(py, run.lead_times),
+            lead_means: array::from_vectors(py, run.leads.means)?,
+            lead_covs: array::from_matrices(py, run.leads.covs)?,
             restarts: run.restarts,
             log_likelihood: run.log_likelihood,
             start: run.start,

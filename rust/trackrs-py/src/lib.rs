@@ -4,6 +4,7 @@
 
 mod array;
 mod association;
+mod custom;
 mod error;
 mod filter;
 mod geodesy;

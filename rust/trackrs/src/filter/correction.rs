@@ -4,6 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::kalman::{MeasurementPrediction, Update};
+use super::measured_root::RootScratch;
 use crate::error::{Error, Result};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::kernel::{self, known, sized};
@@ -19,6 +20,7 @@ pub(super) struct Scratch {
     seen: Vec<f64>,
     /// (K R − B Hᵀ)ᵀ, m×n.
     rest: Vec<f64>,
+    root: RootScratch,
 }
 
 impl Scratch {
@@ -47,6 +49,10 @@ impl MeasurementPrediction {
     ) {
         let (n, m) = (self.n, self.m);
         scratch.fit(n, m);
+        if let Some(root) = &self.root {
+            root.posterior_into(prior, innovation, &mut scratch.root, &mut scratch.gain, out);
+            return;
+        }
         let out = Posterior {
             mean: out.mean.as_mut_slice(),
             cov: out.cov.as_mut_slice(),
@@ -96,7 +102,9 @@ fn joseph(
     out: Posterior<'_>,
 ) {
     let hp = &expected.cross[..m * n];
-    let Scratch { gain, left, seen, rest } = scratch;
+    let Scratch {
+        gain, left, seen, rest, ..
+    } = scratch;
     let (gain, left, seen, rest) = (
         &mut gain[..m * n],
         &mut left[..n * n],
@@ -152,6 +160,20 @@ impl Correction {
             part: MeasurementPrediction::sized(n, 0),
             scratch: Scratch::default(),
         }
+    }
+
+    /// The gain transposed, m×n row by row, with rows of zeros for what was not observed.
+    pub(super) fn gain_into(&self, n: usize, out: &mut [f64]) {
+        out.fill(0.0);
+        for (row, &i) in self.scratch.gain.chunks_exact(n.max(1)).zip(&self.observed) {
+            out[i * n..(i + 1) * n].copy_from_slice(row);
+        }
+    }
+
+    /// The factor of the posterior's covariance, after an update in square-root form that observed anything.
+    pub(super) fn factor(&self) -> Option<&[f64]> {
+        let factor = &self.scratch.root.factor;
+        (self.dof > 0 && !factor.is_empty()).then_some(factor)
     }
 
     /// Updates `prior`; NaN components of the innovation count as not observed.
