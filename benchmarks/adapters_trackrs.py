@@ -33,7 +33,8 @@ def _(d):
 
 def ranges(d: dict, motion: tr.ConstantAcceleration, history: str, **options: object) -> tuple:
     """Return the extended filter of W3b, ready to run."""
-    from w03_nonlinear import A3
+    # The file that runs; importing it by its name would register its peers a second time.
+    from __main__ import A3
 
     order = blocks(3, 3)
     ekf = tr.ExtendedKalmanFilter(motion, tr.RangeArray(A3, range_std=1.0, depth_std=0.5), **options)
@@ -70,12 +71,12 @@ def _(d):
 
 @peer("W8ospa", "trackrs", "trackrs")
 def _(d):
-    return lambda: tr.ospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.distance
+    return lambda: tr.ospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.total
 
 
 @peer("W8gospa", "trackrs", "trackrs")
 def _(d):
-    return lambda: tr.gospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.distance
+    return lambda: tr.gospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.total
 
 
 @peer("W9", "trackrs", "trackrs")

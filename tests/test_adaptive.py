@@ -6,32 +6,34 @@ import numpy as np
 import pytest
 
 import trackrs as tr
-from courses import BATS, heard, jerk, manoeuvre
+from courses import BATS, TOSS, heard, jerk, manoeuvre
 
 ARRAY = tr.RangeArray.bats(BATS, range_std=1.0, depth_std=0.3)
 TIMES, PATH, _ = manoeuvre()
 LIMITS = {"q_limits": (1e-3, 1e2), "r_limits": (0.0225, 1e4)}
 
 
-def recordings(count, gross=0.0):
+def recordings(count, gross=0.0, array=ARRAY):
     """Noisy measurements, each range wrong by 10 to 100 m with probability `gross`, the first three excepted."""
+    ranges = len(array.hydrophones)
     for number in range(count):
         rng = np.random.default_rng([3, number])
-        values = heard(ARRAY, PATH, rng)
-        hit = rng.random((len(values), 3)) < gross
+        values = heard(array, PATH, rng)
+        hit = rng.random((len(values), ranges)) < gross
         hit[:3] = False
-        values[:, :3] += hit * rng.choice([-1.0, 1.0], hit.shape) * rng.uniform(10.0, 100.0, hit.shape)
+        values[:, :ranges] += hit * rng.choice([-1.0, 1.0], hit.shape) * rng.uniform(10.0, 100.0, hit.shape)
         yield values, hit
 
 
 def error(run):
-    """Distance from the true position at every time from the thirteenth on."""
-    return np.linalg.norm(run.means[12:, :3] - PATH[12:], axis=1)
+    """Distance from the true position at every time from the thirteenth, or the start, on."""
+    first = max(12, run.start)
+    return np.linalg.norm(run.means[first:, :3] - PATH[first:], axis=1)
 
 
 def run_rms(ekf, count, gross=0.0):
     """Root mean square error of each run."""
-    runs = [error(ekf.run(TIMES, values)) for values, _ in recordings(count, gross)]
+    runs = [error(ekf.run(TIMES, values)) for values, _ in recordings(count, gross, ekf.sensor)]
     return np.array([np.sqrt(np.mean(e**2)) for e in runs]), np.array([e[-1] for e in runs])
 
 
@@ -46,16 +48,28 @@ def test_clean_data_give_the_reference_table():
     assert np.mean(last > 50.0) > 0.9
 
 
-def test_gross_errors_are_survived():
-    """5 % of the ranges wrong: none lost, median at most 1.4 m, as the underwater spec asks of the default."""
+@pytest.mark.parametrize(
+    ("array", "bounds"),
+    [(ARRAY, {0.0: 1.2, 0.05: 1.4, 0.1: 1.8}), (tr.RangeArray.toss(TOSS), {0.0: 1.55, 0.05: 1.65, 0.1: 1.75})],
+)
+def test_gross_errors_are_survived(array, bounds):
+    """One setting for both arrays keeps the medians of the underwater spec; no run is ever lost."""
     ekf = tr.ExtendedKalmanFilter(
-        jerk(), ARRAY, screen=tr.ChiSquareScreen(alpha=0.01), adapt=tr.LimitedMemoryNoise(window=20, **LIMITS)
+        jerk(), array, screen=tr.ChiSquareScreen(alpha=0.01), adapt=tr.LimitedMemoryNoise(window=20, **LIMITS)
     )
-    rms, last = run_rms(ekf, 40, gross=0.05)
-    assert np.median(rms) <= 1.4
-    assert last.max() < 50.0
-    unscreened, _ = run_rms(tr.ExtendedKalmanFilter(jerk(), ARRAY), 10, gross=0.05)
-    assert unscreened.mean() > 5.0
+    for gross, bound in bounds.items():
+        rms, last = run_rms(ekf, 40, gross)
+        assert np.median(rms) <= bound
+        assert last.max() < 50.0
+
+
+def test_gross_errors_unscreened_and_as_printed():
+    """Spec: 13.5 m without rejection at 5 %; the paper's whole-vector test loses nine in ten clean BATS runs."""
+    unscreened, _ = run_rms(tr.ExtendedKalmanFilter(jerk(), ARRAY), 20, gross=0.05)
+    assert 11.0 < unscreened.mean() < 16.0
+    printed = tr.ExtendedKalmanFilter(jerk(), ARRAY, screen=tr.ChiSquareScreen.as_printed(alpha=0.01))
+    _, last = run_rms(printed, 30)
+    assert np.mean(last > 50.0) >= 0.8
 
 
 def test_gross_errors_are_found_and_good_data_kept():
@@ -67,7 +81,7 @@ def test_gross_errors_are_found_and_good_data_kept():
         bad = hit[run.start + 1 :]
         found, wrong = found + (rejected & bad).sum(), wrong + bad.sum()
         false, good = false + (rejected & ~bad).sum(), good + (~bad).sum()
-    assert found / wrong >= 0.9
+    assert found / wrong >= 0.97
     assert false / good <= 0.01
 
 

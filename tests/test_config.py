@@ -183,7 +183,7 @@ def test_ospa(load):
         (
             'type = "position"',
             "",
-            '[sensors.radar]: "type" is missing (there are: position, range_bearing, range_array, linear)',
+            ': "type" is missing (there are: position, range_bearing, range_array, pose, camera, linear)',
         ),
         ('"constant_velocity"', '"constant"', '[motion] type = "constant" is unknown'),
         ("accel_psd = [0.3, 0.2]", "", "[motion] give exactly one of accel_psd"),

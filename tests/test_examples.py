@@ -51,11 +51,40 @@ def test_harbour(tmp_path):
         assert len(set(found.ids.tolist())) == tracks
 
 
+@pytest.mark.timeout(300)
+def test_underwater(tmp_path):
+    out = run([sys.executable, ROOT / "examples" / "underwater.py", "--out", tmp_path / "out", "--runs", "3"], tmp_path)
+    lines = out.splitlines()
+    assert lines[0].split()[:2] == ["array", "gross"]
+    assert [line.split()[:2] for line in lines[1:5]] == [["bats", "0%"], ["bats", "5%"], ["toss", "0%"], ["toss", "5%"]]
+    assert len({len(line) for line in lines[:5]}) == 1
+    parts = ("", "_innovations", "_noise")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        f"{a}{p}.png" for a in ("bats", "toss") for p in parts
+    }
+    for line in lines[1:5]:
+        filtered, smoothed = map(float, line.split()[2:4])
+        assert smoothed < filtered < 1.8
+
+    # `cargo test` leaves the twin in the target folder; one that is older than the sources is another program.
+    twin = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "examples" / "underwater"
+    changed = max(file.stat().st_mtime for file in (ROOT / "rust" / "trackrs").rglob("*.rs"))
+    if not twin.exists() or twin.stat().st_mtime < changed:
+        pytest.skip("the Rust example is not built: cargo test builds it")
+    without_time = [
+        [line.rsplit(maxsplit=1)[0] for line in table]
+        for table in (lines[1:5], run([twin, "3"], ROOT).splitlines()[1:5])
+    ]
+    assert without_time[0] == without_time[1]
+
+
 def test_readme_python():
-    found = blocks("python")
-    assert len(found) == 1
-    shown = run([sys.executable, "-c", found[0]], ROOT)
+    tracks, hydrophones = blocks("python")
+    shown = run([sys.executable, "-c", tracks], ROOT)
     assert [line.split()[0] for line in shown.splitlines()] == ["1", "2"]
+    filtered, smoothed, rejected = run([sys.executable, "-c", hydrophones], ROOT).split()
+    assert float(smoothed) < float(filtered) < 1.5
+    assert int(rejected) > 10
 
 
 def test_readme_commands(tmp_path):
@@ -75,4 +104,14 @@ def test_readme_commands(tmp_path):
 def test_readme_links():
     for target in re.findall(r"\]\(([^)#:]+)\)", README):
         assert (ROOT / target).exists(), target
-    assert (ROOT / "docs" / "harbour.png").stat().st_size < 200_000
+    assert {path.name for path in (ROOT / "docs").glob("*.png") if path.stat().st_size > 200_000} == set()
+
+
+def test_radio_ranges(tmp_path):
+    lines = run(
+        [sys.executable, ROOT / "examples" / "radio_ranges.py", "--out", tmp_path / "out"], tmp_path
+    ).splitlines()
+    assert lines[0] == "3529 ranges in 1932 s, none for 97 s"
+    assert [line.split("  ")[0] for line in lines[1:3]] == ["ranges only", "with odometry*"]
+    assert lines[3].startswith("* The recorded headings equal those of the truth")
+    assert (tmp_path / "out" / "radio_ranges.png").stat().st_size > 10_000

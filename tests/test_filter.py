@@ -172,7 +172,7 @@ def test_consistency_on_the_models_own_truth():
     low, high = (tr.Gate(p).threshold(dof) / dof for p in (0.0005, 0.9995))
     assert low < nis / dof < high
     low, high = (tr.Gate(p).threshold(4 * runs) / runs for p in (0.0005, 0.9995))
-    assert low < tr.nees(errors, covs).mean() < high
+    assert low < tr.nees(errors, covs).statistics.mean() < high
 
 
 def test_mistakes_are_named():

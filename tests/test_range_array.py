@@ -32,7 +32,7 @@ def test_toss_fix_error_is_what_its_covariance_says():
     fixes = [array.fix(z) for z in heard(array, path, rng)]
     nees = tr.nees([f.position - p for f, p in zip(fixes, path, strict=True)], [f.cov for f in fixes])
     low, high = (tr.Gate(p).threshold(3 * len(path)) / len(path) for p in (0.0005, 0.9995))
-    assert low < nees.mean() < high
+    assert low < nees.statistics.mean() < high
     assert {f.dof for f in fixes} == {3}
     assert 0.0 < np.mean([f.p_value < 0.1 for f in fixes]) < 0.2
 
@@ -69,7 +69,7 @@ def test_run_starts_itself_on_a_manoeuvring_target(make, phones):
         first = slice(run.start, run.start + 10)
         errors = np.hstack([run.means[first, :3] - path[first], run.means[first, 3:6] - velocity[first]])
         # One epoch each: those of one run are correlated.
-        nees += [tr.nees(errors[k : k + 1], run.covs[first][k : k + 1, :6, :6])[0] for k in (0, 9)]
+        nees += [tr.nees(errors[k : k + 1], run.covs[first][k : k + 1, :6, :6]).statistics[0] for k in (0, 9)]
         dof += 12
         rms.append(np.sqrt(np.mean(np.sum((run.means[13:, :3] - path[13:]) ** 2, axis=1))))
     low, high = (tr.Gate(p).threshold(dof) / dof for p in (0.0005, 0.9995))

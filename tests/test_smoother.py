@@ -155,7 +155,7 @@ def test_consistency_on_the_models_own_truth():
         errors.append(truth[10] - smoothed.means[10])
         covs.append(smoothed.covs[10])
     low, high = (tr.Gate(p).threshold(2 * runs) / runs for p in (0.0005, 0.9995))
-    assert low < tr.nees(errors, covs).mean() < high
+    assert low < tr.nees(errors, covs).statistics.mean() < high
 
 
 def test_extended_filter_smooths_its_linearised_model():

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import geodesy
-    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
+    from trackrs import geodesy, rotation, scenarios
+    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
         BusyError,
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         UnknownSensorError,
         UnobservableError,
     )
-    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter
+    from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter, start_state
+    from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate
     from trackrs.metric import (
         GOSPA,
@@ -42,11 +43,16 @@ if TYPE_CHECKING:
         nis,
         ospa,
         rmse,
+        whiteness,
     )
-    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
-    from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
+    from trackrs.motion import ConstantAcceleration, ConstantVelocity, CustomMotion, LinearMotion, RandomWalk, Singer
+    from trackrs.pose import CameraSensor, PoseFix, PoseSensor
+    from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
+        ChiSquareTests,
         Event,
         FilterRun,
         Fix,
@@ -58,6 +64,7 @@ if TYPE_CHECKING:
         Tracks,
         Update,
         Verdict,
+        Whiteness,
     )
 
 __all__ = [
@@ -65,10 +72,15 @@ __all__ = [
     "OSPA",
     "Assignment",
     "BusyError",
+    "CameraSensor",
     "ChiSquareScreen",
+    "ChiSquareTests",
     "ClutterMap",
     "ConstantAcceleration",
     "ConstantVelocity",
+    "CubatureKalmanFilter",
+    "CustomMotion",
+    "CustomSensor",
     "Deletion",
     "DimensionError",
     "Evaluation",
@@ -81,7 +93,9 @@ __all__ = [
     "GlobalNearestNeighbour",
     "GospaDistance",
     "InternalError",
+    "JerkChoice",
     "KalmanFilter",
+    "LeadCurve",
     "Ledger",
     "LimitedMemoryNoise",
     "LinearMotion",
@@ -89,16 +103,23 @@ __all__ = [
     "MofN",
     "MultiTargetTracker",
     "NearestNeighbour",
+    "NisScaledNoise",
     "NonFiniteError",
     "NotPositiveDefiniteError",
     "OspaDistance",
     "Pair",
     "ParameterError",
+    "PoseFix",
+    "PoseSensor",
     "PositionSensor",
+    "PsdFit",
     "RandomWalk",
     "RangeArray",
     "RangeBearing",
+    "RegularTimes",
+    "ResidualNoise",
     "Scan",
+    "Singer",
     "SmoothedRun",
     "StateError",
     "StrictError",
@@ -110,23 +131,49 @@ __all__ = [
     "Truth",
     "UnknownSensorError",
     "UnobservableError",
+    "UnscentedKalmanFilter",
     "Update",
     "Verdict",
+    "Whiteness",
     "__version__",
     "assign",
+    "choose_jerk_psd",
+    "covariance_intersection",
     "evaluate",
+    "fit_psd",
     "geodesy",
     "gospa",
+    "lead_curve",
     "nees",
     "nis",
     "ospa",
+    "regularise",
     "rmse",
+    "rotation",
+    "scenarios",
+    "start_state",
+    "whiteness",
 ]
 
-_MODULES = ("geodesy",)
+_MODULES = ("geodesy", "rotation", "scenarios")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
-_HOMES = ("adaptive", "association", "errors", "filter", "gating", "metric", "motion", "sensor", "tracker", "types")
+_HOMES = (
+    "adaptive",
+    "association",
+    "errors",
+    "filter",
+    "fusion",
+    "gating",
+    "lead",
+    "metric",
+    "motion",
+    "pose",
+    "sensor",
+    "timing",
+    "tracker",
+    "types",
+)
 
 
 def __getattr__(name: str) -> object:

@@ -9,7 +9,7 @@ import numpy as np
 from trackrs.errors import DimensionError, ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -43,6 +43,14 @@ def frozen(value: NDArray[Any]) -> NDArray[Any]:
 def frozen_array(value: ArrayLike, name: str, ndim: int) -> FloatArray:
     """Return a read-only float64 copy of `value` with `ndim` dimensions."""
     return frozen(array(value, name, ndim).copy())
+
+
+def each(convert: Callable[[FloatArray], FloatArray], value: ArrayLike, name: str, ndim: int = 2) -> FloatArray:
+    """Call `convert` with an array of `ndim` dimensions; one point or matrix goes in and comes out as itself."""
+    if np.ndim(value) == ndim - 1:
+        one = convert(array(value, name, ndim - 1)[np.newaxis])
+        return frozen(one.reshape(one.shape[1:]))
+    return frozen(convert(array(value, name, ndim)))
 
 
 def per_axis(value: float | Sequence[float], dims: int, name: str) -> list[float]:

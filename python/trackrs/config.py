@@ -24,7 +24,8 @@ from trackrs.association import GlobalNearestNeighbour, NearestNeighbour
 from trackrs.errors import DimensionError, TrackrsError
 from trackrs.gating import Gate
 from trackrs.metric import GOSPA, OSPA, gospa
-from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk
+from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
+from trackrs.pose import CameraSensor, PoseSensor
 from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
 from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
 
@@ -154,11 +155,12 @@ def snake_case(name: str) -> str:
 
 
 MOTIONS: dict[str, Callable[..., Motion]] = {
-    snake_case(model.__name__): model for model in (ConstantVelocity, ConstantAcceleration, RandomWalk, LinearMotion)
+    snake_case(model.__name__): model
+    for model in (ConstantVelocity, ConstantAcceleration, RandomWalk, Singer, LinearMotion)
 }
 SENSORS: dict[str, Callable[..., Sensor]] = {
     snake_case(model.__name__).removesuffix("_sensor"): model
-    for model in (PositionSensor, RangeBearing, RangeArray, LinearSensor)
+    for model in (PositionSensor, RangeBearing, RangeArray, PoseSensor, CameraSensor, LinearSensor)
 }
 ASSOCIATORS = {snake_case(model.__name__): model for model in (GlobalNearestNeighbour, NearestNeighbour)}
 TABLES = ("motion", "sensors", "tracker", "input", "truth", "score", "plot")

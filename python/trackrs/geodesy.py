@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, frozen
+from trackrs._arrays import FloatArray, array, each, frozen
 from trackrs.errors import DimensionError
 from trackrs.types import freeze_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike
 
 __all__ = [
@@ -31,14 +29,6 @@ __all__ = [
     "geodetic_to_ecef",
     "place_array",
 ]
-
-
-def _each(convert: Callable[[FloatArray], FloatArray], value: ArrayLike, name: str, ndim: int = 2) -> FloatArray:
-    """Call `convert` with an array of `ndim` dimensions; one point or matrix goes in and comes out as itself."""
-    if np.ndim(value) == ndim - 1:
-        one = convert(array(value, name, ndim - 1)[np.newaxis])
-        return frozen(one.reshape(one.shape[1:]))
-    return frozen(convert(array(value, name, ndim)))
 
 
 def _position(value: ArrayLike, name: str) -> tuple[float, float, float]:
@@ -72,7 +62,7 @@ def geodetic_to_ecef(positions: ArrayLike) -> FloatArray:
         >>> geodesy.geodetic_to_ecef([0.0, np.pi, 0.0]).round(3) + 0.0
         array([-6378137.,        0.,        0.])
     """
-    return _each(_trackrs.geodetic_to_ecef, positions, "positions")
+    return each(_trackrs.geodetic_to_ecef, positions, "positions")
 
 
 def ecef_to_geodetic(points: ArrayLike) -> FloatArray:
@@ -100,7 +90,7 @@ def ecef_to_geodetic(points: ArrayLike) -> FloatArray:
         >>> geodesy.ecef_to_geodetic([0.0, 6378147.0, 0.0]).round(6)
         array([ 0.      ,  1.570796, 10.      ])
     """
-    return _each(_trackrs.ecef_to_geodetic, points, "points")
+    return each(_trackrs.ecef_to_geodetic, points, "points")
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +142,7 @@ class LocalFrame:
         Raises:
             ParameterError: a latitude is beyond ±π/2, a longitude beyond ±2π, or a value is not finite.
         """
-        return _each(self._core.from_geodetic, positions, "positions")
+        return each(self._core.from_geodetic, positions, "positions")
 
     def to_geodetic(self, points: ArrayLike) -> FloatArray:
         """Return latitude, longitude (radians) and height of local points, metres; (3,) or (k, 3).
@@ -160,7 +150,7 @@ class LocalFrame:
         Raises:
             NonFiniteError: a coordinate is NaN or infinite.
         """
-        return _each(self._core.to_geodetic, points, "points")
+        return each(self._core.to_geodetic, points, "points")
 
     def from_ecef(self, points: ArrayLike) -> FloatArray:
         """Return local coordinates of Earth-centred points, metres; (3,) or (k, 3).
@@ -168,7 +158,7 @@ class LocalFrame:
         Raises:
             NonFiniteError: a coordinate is NaN or infinite.
         """
-        return _each(self._core.from_ecef, points, "points")
+        return each(self._core.from_ecef, points, "points")
 
     def to_ecef(self, points: ArrayLike) -> FloatArray:
         """Return Earth-centred coordinates of local points, metres; (3,) or (k, 3).
@@ -176,7 +166,7 @@ class LocalFrame:
         Raises:
             NonFiniteError: a coordinate is NaN or infinite.
         """
-        return _each(self._core.to_ecef, points, "points")
+        return each(self._core.to_ecef, points, "points")
 
     def cov_from_ecef(self, covs: ArrayLike) -> FloatArray:
         """Return the covariances of local coordinates from those of Earth-centred ones; (3, 3) or (k, 3, 3), m².
@@ -184,7 +174,7 @@ class LocalFrame:
         Raises:
             ParameterError: one is not symmetric or not positive semidefinite.
         """
-        return _each(self._core.cov_from_ecef, covs, "covs", 3)
+        return each(self._core.cov_from_ecef, covs, "covs", 3)
 
     def cov_to_ecef(self, covs: ArrayLike) -> FloatArray:
         """Return the covariances of Earth-centred coordinates from those of local ones; (3, 3) or (k, 3, 3), m².
@@ -192,7 +182,7 @@ class LocalFrame:
         Raises:
             ParameterError: one is not symmetric or not positive semidefinite.
         """
-        return _each(self._core.cov_to_ecef, covs, "covs", 3)
+        return each(self._core.cov_to_ecef, covs, "covs", 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,7 +248,7 @@ class Similarity:
         Raises:
             NonFiniteError: a coordinate is NaN or infinite.
         """
-        return _each(lambda rows: self.propagate(rows).positions, points, "points")
+        return each(lambda rows: self.propagate(rows).positions, points, "points")
 
     def propagate(self, points: ArrayLike, covs: ArrayLike | None = None) -> Points:
         """Return the images of points with their covariances, the uncertainty of the similarity included.
@@ -326,6 +316,9 @@ class PlacedArray:
         chi_square: of the residuals; chi-square with `dof` degrees of freedom if survey and standard deviations are
             right. Far above that, one of them is not, or the array's frame is left-handed.
         dof: 3m - 7 for m fixes.
+        survey_std: (k,) metres: of every element's position in the direction where it is largest, a bound for the range
+            to it from anywhere. `RangeArray(placed.positions, range_std, survey_std=placed.survey_std)` takes it into
+            account.
     """
 
     positions: FloatArray
@@ -333,6 +326,7 @@ class PlacedArray:
     similarity: Similarity
     chi_square: float
     dof: int
+    survey_std: FloatArray
 
 
 def place_array(elements: ArrayLike, fixes: ArrayLike, std: ArrayLike, origin: ArrayLike) -> PlacedArray:
@@ -377,4 +371,10 @@ def place_array(elements: ArrayLike, fixes: ArrayLike, std: ArrayLike, origin: A
     out = _trackrs.place_array(elements_, fixes_, stds, _position(origin, "origin"))
     similarity = _similarity(out["similarity"])
     columns = freeze_columns(out["elements"])
-    return PlacedArray(similarity=similarity, chi_square=out["chi_square"], dof=similarity.dof, **columns)
+    return PlacedArray(
+        similarity=similarity,
+        chi_square=out["chi_square"],
+        dof=similarity.dof,
+        survey_std=frozen(out["survey_std"]),
+        **columns,
+    )

@@ -10,14 +10,14 @@ import numpy as np
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, IntArray, array, frozen, frozen_array
 from trackrs.errors import DimensionError, ParameterError
-from trackrs.types import freeze_columns
+from trackrs.types import ChiSquareTests, Whiteness, freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
 
-    from trackrs.types import FilterRun, Tracks
+    from trackrs.types import Tracks
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,24 +138,98 @@ def gospa(truth: ArrayLike, estimates: ArrayLike, c: float, p: float = 2.0, alph
     return GospaDistance(pairs=pairs, **out)
 
 
-def nees(errors: ArrayLike, covs: ArrayLike) -> FloatArray:
-    """Return the normalised estimation error squared of every row, eᵀ P⁻¹ e; its mean is n if covariances are honest.
+def nees(errors: ArrayLike, covs: ArrayLike) -> ChiSquareTests:
+    """Test estimation errors against their covariances: the normalised error squared of every row, eᵀ P⁻¹ e.
 
     Args:
         errors: (T, n).
-        covs: (T, n, n).
+        covs: (T, n, n), positive definite.
+
+    Returns:
+        `statistics` (T,), with mean n if the covariances are honest, `dof` and `p_values`.
 
     Raises:
         DimensionError: the shapes do not agree.
+        NonFiniteError: an error is NaN or infinite.
         NotPositiveDefiniteError: a covariance is singular.
+
+    Reference:
+        Bar-Shalom, Li, Kirubarajan (2001), §5.4.
+
+    Example:
+        >>> import trackrs as tr
+        >>> tr.nees([[3.0, 4.0]], [[[9.0, 0.0], [0.0, 16.0]]]).statistics
+        array([2.])
     """
-    return frozen(_trackrs.nees(array(errors, "errors", 2), array(covs, "covs", 3)))
+    return ChiSquareTests(**freeze_columns(_trackrs.nees(array(errors, "errors", 2), array(covs, "covs", 3))))
 
 
-def nis(run: FilterRun) -> float:
-    """Return the mean normalised innovation squared per observed component of a run; 1 if the model is right."""
-    observed = run.dof > 0
-    return float(run.nis[observed].sum() / run.dof[observed].sum())
+def nis(innovations: ArrayLike, covs: ArrayLike) -> ChiSquareTests:
+    """Test innovations against their covariances: the normalised innovation squared of every row, rᵀ D⁺ r.
+
+    Covariances may be singular, as where R was estimated from fewer measurements than components: directions whose
+    eigenvalue is at most 1e-12 of the largest are dropped, and the rank is the number of degrees of freedom. An
+    innovation along a dropped direction, more than ten standard deviations of such an eigenvalue, contradicts its
+    covariance: its statistic is infinite and its p-value 0.
+
+    Args:
+        innovations: (T, m), for example those of a `FilterRun`; NaN = component not observed, left out.
+        covs: (T, m, m).
+
+    Returns:
+        `statistics`, `dof` and `p_values` (T,); NaN where nothing was observed.
+
+    Raises:
+        DimensionError: the shapes do not agree.
+        NonFiniteError: an innovation is infinite, or a covariance of observed components not finite.
+        ParameterError: a covariance is not symmetric or not positive semidefinite.
+
+    Reference:
+        Xi, Liu, Tao, Lu, eq. (13); spec labels U20, U21.
+
+    Example:
+        >>> import trackrs as tr
+        >>> tests = tr.nis([[2.0, 2.0]], [[[1.0, 1.0], [1.0, 1.0]]])
+        >>> tests.statistics.round(9), tests.dof
+        (array([4.]), array([1]))
+    """
+    return ChiSquareTests(**freeze_columns(_trackrs.nis(array(innovations, "innovations", 2), array(covs, "covs", 3))))
+
+
+def whiteness(innovations: ArrayLike, covs: ArrayLike, lags: int = 10) -> Whiteness:
+    """Test whether innovations are uncorrelated over time, as those of a filter with the right model are.
+
+    Motion noise assumed too small gives positive correlations: the filter lags behind, one way for several
+    measurements. Too large gives negative ones. The test sees nothing of their size, which is for `nis`.
+
+    Args:
+        innovations: (T, m) in the order of time, for example those of a `FilterRun`; NaN = component not observed.
+        covs: (T, m, m) their covariances, positive definite.
+        lags: largest distance of two measurements, at least 1, below T.
+
+    Returns:
+        The correlation of every component of the whitened innovations with itself, lag by lag, with its band; and the
+        portmanteau statistic over all lags and pairs of components with degrees of freedom and p-value.
+
+    Raises:
+        ParameterError: `lags` is out of range.
+        DimensionError: the shapes do not agree.
+        NonFiniteError: an innovation is infinite.
+        NotPositiveDefiniteError: a covariance is singular.
+
+    Reference:
+        Ljung, Box (1978), On a measure of lack of fit in time series models; Hosking (1980), The multivariate
+        portmanteau statistic; Stoffer, Toloi (1992) for gaps.
+
+    Example:
+        >>> import numpy as np, trackrs as tr
+        >>> noise = np.random.default_rng(0).normal(size=(200, 2))
+        >>> tests = tr.whiteness(noise, np.tile(np.eye(2), (200, 1, 1)), lags=5)
+        >>> tests.dof, tests.p_value > 0.01
+        (20, True)
+    """
+    z, s = array(innovations, "innovations", 2), array(covs, "covs", 3)
+    return Whiteness(**freeze_columns(_trackrs.whiteness(z, s, lags)))
 
 
 def rmse(errors: ArrayLike) -> float:

@@ -100,13 +100,13 @@ pub(crate) fn from_symmetric<'py, 'a>(
 }
 
 /// Vectors of one length out, as the rows of an array (k, n); their memory is handed over.
-pub(crate) fn from_vectors<'py>(py: Python<'py>, stack: Stack) -> PyResult<Bound<'py, PyArray2<f64>>> {
+pub(crate) fn from_vectors(py: Python<'_>, stack: Stack) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let shape = [stack.len(), stack.shape()[1]];
     PyArray1::from_vec(py, stack.into_values()).reshape(shape)
 }
 
 /// Matrices out, as an array (k, m, n); their memory is handed over.
-pub(crate) fn from_matrices<'py>(py: Python<'py>, stack: Stack) -> PyResult<Bound<'py, PyArray3<f64>>> {
+pub(crate) fn from_matrices(py: Python<'_>, stack: Stack) -> PyResult<Bound<'_, PyArray3<f64>>> {
     let [rows, columns] = stack.shape();
     let shape = [stack.len(), rows, columns];
     PyArray1::from_vec(py, stack.into_values()).reshape(shape)

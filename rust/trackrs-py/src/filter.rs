@@ -14,10 +14,10 @@ use trackrs::filter::residual_noise::{Memory, QFrom, RFrom, ResidualNoise};
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
+use trackrs::filter::search::Start;
 use trackrs::filter::sequence::{self, History, InitialState, Sequence};
 use trackrs::filter::sigma_points::SigmaPoints;
 use trackrs::filter::square_root::Form;
-use trackrs::filter::start::Start;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
@@ -122,6 +122,12 @@ impl Filter {
             let iterations = count("iterations", iterations)?;
             sequence::Filter::extended(motion.model.clone(), sensor.model.clone())?.with_iterations(iterations)
         })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with the curvature of the sensor in its updates.
+    fn with_second_order(&self, py: Python<'_>) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_second_order())?;
         Ok(Self { filter })
     }
 
@@ -232,8 +238,15 @@ impl Filter {
     }
 
     /// The same filter with a screen for gross errors.
-    #[pyo3(signature = (alpha, mode, allowance=None))]
-    fn with_screen(&self, py: Python<'_>, alpha: f64, mode: &str, allowance: Option<f64>) -> PyResult<Self> {
+    #[pyo3(signature = (alpha, mode, restart, allowance=None))]
+    fn with_screen(
+        &self,
+        py: Python<'_>,
+        alpha: f64,
+        mode: &str,
+        restart: bool,
+        allowance: Option<f64>,
+    ) -> PyResult<Self> {
         let screen = compute(py, || {
             let mode = match mode {
                 "vector" => ScreenMode::Vector,
@@ -247,7 +260,8 @@ impl Filter {
                     ));
                 }
             };
-            ChiSquareScreen::new(alpha, mode, allowance)
+            let screen = ChiSquareScreen::new(alpha, mode, allowance)?;
+            Ok(if restart { screen } else { screen.without_restart() })
         })?;
         Ok(Self {
             filter: self.filter.clone().with_screen(screen),
@@ -361,17 +375,15 @@ impl Filter {
         let times_given = array::c_slice(&times, "times")?;
         let leads = lead.map(|lead| lead.seconds(times_given, self.filter.horizon())).transpose();
         let leads = leads.map_err(|error| to_python(py, &error))?;
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        require_width(py, "measurement", m, values.shape()[1])?;
+        let inputs = inputs.map(|inputs| self.complete_inputs(py, &inputs, n)).transpose()?;
         let given = Given {
             leads: leads.as_deref(),
             times: times_given,
             values: array::c_slice(&values, "values")?,
-            inputs: inputs.as_ref().map(|u| array::c_slice(u, "inputs")).transpose()?,
+            inputs: inputs.as_deref(),
         };
-        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        require_width(py, "measurement", m, values.shape()[1])?;
-        if let Some(inputs) = &inputs {
-            require_width(py, "input", n, inputs.shape()[1])?;
-        }
         let initial = initial.map(|(time, mean, cov)| {
             let state = array::gaussian(&mean, &cov)?;
             Ok::<_, PyErr>(InitialState { time, state })
@@ -393,7 +405,7 @@ impl Filter {
         let (initial, mut run, begin) = if let Some(initial) = initial {
             (initial, FilterRun::of(&self.filter), 0)
         } else {
-            let start = self.find_start(py, given.times, given.values)?;
+            let start = self.find_start(py, &given, n)?;
             let run = self.filter.begun(&start, history, leads.is_some());
             (start.initial, run, start.row + 1)
         };
@@ -474,16 +486,34 @@ fn require_width(py: Python<'_>, name: &str, expected: usize, found: usize) -> P
 }
 
 impl Filter {
-    fn find_start(&self, py: Python<'_>, times: &[f64], values: &[f64]) -> PyResult<Start> {
+    /// T×n inputs; those that leave out the lasting errors of the sensor with zeros in their place.
+    fn complete_inputs(&self, py: Python<'_>, inputs: &PyReadonlyArray2<'_, f64>, n: usize) -> PyResult<Vec<f64>> {
+        let width = inputs.shape()[1];
+        if width != self.filter.kinematic_dim() {
+            require_width(py, "input", n, width)?;
+        }
+        let flat = array::c_slice(inputs, "inputs")?;
+        let mut complete = vec![0.0; inputs.shape()[0] * n];
+        for (to, from) in complete.chunks_exact_mut(n).zip(flat.chunks_exact(width)) {
+            to[..width].copy_from_slice(from);
+        }
+        Ok(complete)
+    }
+
+    fn find_start(&self, py: Python<'_>, given: &Given<'_>, n: usize) -> PyResult<Start> {
         let m = self.filter.sensor().measurement_dim();
         let mut starter = compute(py, || self.filter.starter())?;
-        for from in (0..times.len()).step_by(START_CHUNK) {
-            let part = from..(from + START_CHUNK).min(times.len());
-            let rows: Vec<_> = part
-                .clone()
-                .map(|row| DVector::from_column_slice(&values[row * m..(row + 1) * m]))
-                .collect();
-            let found = compute(py, || starter.search(&times[part], &rows))?;
+        let count = given.times.len();
+        for from in (0..count).step_by(START_CHUNK) {
+            let part = from..(from + START_CHUNK).min(count);
+            let rows = |flat: &[f64], width: usize| -> Vec<_> {
+                part.clone()
+                    .map(|row| DVector::from_column_slice(&flat[row * width..(row + 1) * width]))
+                    .collect()
+            };
+            let (times, values) = (given.times[part.clone()].to_vec(), rows(given.values, m));
+            let inputs = given.inputs.map(|inputs| rows(inputs, n));
+            let found = compute(py, || starter.search(&times, &values, inputs.as_deref()))?;
             if let Some(start) = found {
                 return Ok(Start {
                     row: from + start.row,

@@ -294,6 +294,7 @@ pub(crate) struct Placement<'py> {
     elements: Points<'py>,
     similarity: Similarity<'py>,
     chi_square: f64,
+    survey_std: Bound<'py, PyArray1<f64>>,
 }
 
 /// `fixes` are latitude, longitude and height, a row of NaN where an element has none; `stds` to the north, east and
@@ -329,5 +330,6 @@ pub(crate) fn place_array<'py>(
         elements: Points::new(py, &out.elements)?,
         similarity: Similarity::new(py, &out.similarity, &residuals, out.variance, out.dof)?,
         chi_square: out.chi_square,
+        survey_std: PyArray1::from_vec(py, out.survey_std()),
     })
 }

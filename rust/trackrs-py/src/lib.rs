@@ -7,9 +7,13 @@ mod association;
 mod custom;
 mod error;
 mod filter;
+mod fusion;
 mod geodesy;
 mod metric;
 mod model;
+mod pose;
+mod rotation;
+mod sim;
 mod smoother;
 mod stats;
 mod tracker;
@@ -23,17 +27,25 @@ mod _trackrs {
     #[pymodule_export]
     use crate::filter::Filter;
     #[pymodule_export]
+    use crate::fusion::{covariance_intersection, paper_start, start_state};
+    #[pymodule_export]
     use crate::geodesy::{
         LocalFrame, apply_similarity, ecef_to_geodetic, fit_similarity, geodetic_to_ecef, place_array,
     };
     #[pymodule_export]
-    use crate::metric::{evaluate, gospa, nees, ospa};
+    use crate::metric::{cumulative, evaluate, gospa, nees, nis, ospa, whiteness};
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
     #[pymodule_export]
+    use crate::rotation::{
+        rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_vectors,
+    };
+    #[pymodule_export]
+    use crate::sim::{Underwater, reference_course, reference_hydrophones};
+    #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]
-    use crate::stats::chi_square_quantile;
+    use crate::stats::{chi_square_quantile, regularise};
     #[pymodule_export]
     use crate::tracker::Tracker;
 

@@ -1,14 +1,15 @@
 //! Scores.
 
 use nalgebra::DVector;
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::Track;
+use trackrs::metric::consistency::{self, ChiSquareTests};
 use trackrs::metric::evaluate::{self as core, FrameScore, Scoring, TargetScore, TruthPath};
-use trackrs::metric::{consistency, gospa as gospa_, ospa as ospa_};
+use trackrs::metric::{gospa as gospa_, innovation, ospa as ospa_, whiteness as whiteness_};
 
 use crate::array;
-use crate::error::{compute, to_python};
+use crate::error::{compute, count, to_python};
 
 #[derive(IntoPyObject)]
 pub(crate) struct Ospa {
@@ -63,16 +64,95 @@ pub(crate) fn gospa(
     })
 }
 
+/// One entry per row.
+#[derive(IntoPyObject)]
+pub(crate) struct Tests<'py> {
+    statistics: Bound<'py, PyArray1<f64>>,
+    dof: Bound<'py, PyArray1<i64>>,
+    p_values: Bound<'py, PyArray1<f64>>,
+}
+
+impl<'py> Tests<'py> {
+    fn new(py: Python<'py>, tests: ChiSquareTests) -> Self {
+        let dof = tests.dof.iter().map(|&d| i64::try_from(d).unwrap_or(i64::MAX));
+        Self {
+            dof: PyArray1::from_iter(py, dof),
+            statistics: PyArray1::from_vec(py, tests.statistics),
+            p_values: PyArray1::from_vec(py, tests.p_values),
+        }
+    }
+}
+
 #[pyfunction]
 pub(crate) fn nees<'py>(
     py: Python<'py>,
     errors: PyReadonlyArray2<'py, f64>,
     covs: PyReadonlyArray3<'py, f64>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+) -> PyResult<Tests<'py>> {
     let matrix = array::matrix(&errors, "errors")?;
     let covs = array::matrices(&covs, "covs")?;
     let out = compute(py, || consistency::nees(&matrix, &covs))?;
-    Ok(PyArray1::from_vec(py, out))
+    Ok(Tests::new(py, out))
+}
+
+#[pyfunction]
+pub(crate) fn nis<'py>(
+    py: Python<'py>,
+    innovations: PyReadonlyArray2<'py, f64>,
+    covs: PyReadonlyArray3<'py, f64>,
+) -> PyResult<Tests<'py>> {
+    let rows = array::rows(&innovations, "innovations")?;
+    let covs = array::matrices(&covs, "covs")?;
+    let out = compute(py, || innovation::nis(&rows, &covs))?;
+    Ok(Tests::new(py, out))
+}
+
+/// Sums of `statistics`; without a window over all rows so far.
+#[pyfunction]
+#[pyo3(signature = (statistics, dof, restarts, window=None))]
+pub(crate) fn cumulative<'py>(
+    py: Python<'py>,
+    statistics: PyReadonlyArray1<'py, f64>,
+    dof: PyReadonlyArray1<'py, i64>,
+    restarts: Vec<usize>,
+    window: Option<i64>,
+) -> PyResult<Tests<'py>> {
+    let statistics = array::vector(&statistics, "statistics")?;
+    let dof: Vec<i64> = dof.as_array().iter().copied().collect();
+    let out = compute(py, || {
+        let dof = dof.iter().map(|&d| count("dof", d)).collect::<Result<Vec<_>, _>>()?;
+        let window = window.map(|w| count("window", w)).transpose()?;
+        innovation::cumulative(statistics.as_slice(), &dof, &restarts, window)
+    })?;
+    Ok(Tests::new(py, out))
+}
+
+#[derive(IntoPyObject)]
+pub(crate) struct Whiteness<'py> {
+    autocorrelations: Bound<'py, PyArray2<f64>>,
+    bands: Bound<'py, PyArray2<f64>>,
+    statistic: f64,
+    dof: usize,
+    p_value: f64,
+}
+
+#[pyfunction]
+pub(crate) fn whiteness<'py>(
+    py: Python<'py>,
+    innovations: PyReadonlyArray2<'py, f64>,
+    covs: PyReadonlyArray3<'py, f64>,
+    lags: i64,
+) -> PyResult<Whiteness<'py>> {
+    let rows = array::rows(&innovations, "innovations")?;
+    let covs = array::matrices(&covs, "covs")?;
+    let out = compute(py, || whiteness_::whiteness(&rows, &covs, count("lags", lags)?))?;
+    Ok(Whiteness {
+        autocorrelations: array::from_matrix(py, &out.autocorrelations)?,
+        bands: array::from_matrix(py, &out.bands)?,
+        statistic: out.statistic,
+        dof: out.dof,
+        p_value: out.p_value,
+    })
 }
 
 /// One column per quantity, one entry per frame; and the summary.

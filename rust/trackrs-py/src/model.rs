@@ -3,7 +3,9 @@
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk};
+use trackrs::model::motion::{
+    ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion, RandomWalk, Singer,
+};
 use trackrs::model::sensor::{
     LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing, Side, SoundSpeed, SpeedProfile,
     check_platform,
@@ -14,6 +16,7 @@ use trackrs::{Error, Result};
 use crate::array;
 use crate::custom::{CustomMotion, CustomSensor, Function};
 use crate::error::{compute, to_python};
+use crate::pose::{self, PoseFix};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Motion {
@@ -51,6 +54,14 @@ impl Motion {
         let model = compute(py, || ConstantAcceleration::new(kinematic_noise(psd, values)))?;
         Ok(Self {
             model: MotionModel::ConstantAcceleration(model),
+        })
+    }
+
+    #[staticmethod]
+    fn singer(py: Python<'_>, accel_std: Vec<f64>, time_constant: Vec<f64>, accel_psd: Vec<f64>) -> PyResult<Self> {
+        let model = compute(py, || Singer::new(accel_std, time_constant, accel_psd))?;
+        Ok(Self {
+            model: MotionModel::Singer(model),
         })
     }
 
@@ -129,6 +140,17 @@ pub(crate) struct Fix<'py> {
     mirror: Option<Bound<'py, PyArray1<f64>>>,
 }
 
+/// What a stacked array is made of; `speeds` is none for ranges and for a profile, which is that of every array.
+#[derive(IntoPyObject)]
+pub(crate) struct Stacked<'py> {
+    hydrophones: Bound<'py, PyArray2<f64>>,
+    range_std: Vec<f64>,
+    survey_std: Vec<f64>,
+    depth_std: Option<f64>,
+    speeds: Option<Vec<f64>>,
+    side: Option<&'static str>,
+}
+
 fn side(name: Option<&str>) -> Result<Option<Side>> {
     match name {
         None => Ok(None),
@@ -150,9 +172,10 @@ fn sound_speed(speeds: Option<Vec<f64>>, profile: Option<(Vec<f64>, Vec<f64>)>) 
 
 #[pymethods]
 impl Sensor {
+    /// `bias` and `scale`: standard deviation and density of the extra states, where there are any.
     #[allow(clippy::too_many_arguments)]
     #[staticmethod]
-    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None))]
+    #[pyo3(signature = (hydrophones, range_std, depth_std=None, speeds=None, profile=None, side=None, preset=None, survey_std=None, bias=None, scale=None))]
     fn range_array(
         py: Python<'_>,
         hydrophones: PyReadonlyArray2<'_, f64>,
@@ -162,16 +185,26 @@ impl Sensor {
         profile: Option<(Vec<f64>, Vec<f64>)>,
         side: Option<&str>,
         preset: Option<&str>,
+        survey_std: Option<Vec<f64>>,
+        bias: Option<(Vec<f64>, f64)>,
+        scale: Option<(f64, f64)>,
     ) -> PyResult<Self> {
         let hydrophones = array::matrix(&hydrophones, "hydrophones")?;
         let model = compute(py, || {
-            let array = RangeArray::new(RangeArraySettings {
+            let mut array = RangeArray::new(RangeArraySettings {
                 hydrophones,
                 range_std,
+                survey_std: survey_std.unwrap_or_default(),
                 depth_std,
                 sound_speed: sound_speed(speeds, profile)?,
                 side: self::side(side)?,
             })?;
+            if let Some((std, psd)) = bias {
+                array = array.with_bias(std, psd)?;
+            }
+            if let Some((std, psd)) = scale {
+                array = array.with_scale(std, psd)?;
+            }
             match preset {
                 Some("bats") => array.require_bats(),
                 Some("toss") => array.require_toss(),
@@ -180,6 +213,40 @@ impl Sensor {
         })?;
         Ok(Self {
             model: SensorModel::RangeArray(model),
+        })
+    }
+
+    /// Range arrays as one: the arguments that make it.
+    #[staticmethod]
+    fn stack<'py>(py: Python<'py>, arrays: Vec<PyRef<'py, Self>>) -> PyResult<Stacked<'py>> {
+        let models: Vec<SensorModel> = arrays.iter().map(|array| array.model.clone()).collect();
+        let stacked = compute(py, || {
+            let array = |(index, model): (usize, SensorModel)| match model {
+                SensorModel::RangeArray(array) => Ok(array),
+                _ => Err(Error::invalid(
+                    &format!("array {index}"),
+                    "given",
+                    "must be a RangeArray",
+                )),
+            };
+            let arrays = models.into_iter().enumerate().map(array).collect::<Result<Vec<_>>>()?;
+            RangeArray::stack(&arrays)
+        })?;
+        let settings = stacked.settings();
+        Ok(Stacked {
+            hydrophones: array::from_matrix(py, &settings.hydrophones)?,
+            range_std: settings.range_std.clone(),
+            survey_std: settings.survey_std.clone(),
+            depth_std: settings.depth_std,
+            speeds: match &settings.sound_speed {
+                Some(SoundSpeed::Uniform(speed)) => Some(vec![*speed]),
+                Some(SoundSpeed::PerChannel(speeds)) => Some(speeds.clone()),
+                Some(SoundSpeed::Profile(_)) | None => None,
+            },
+            side: settings.side.map(|side| match side {
+                Side::Above => "above",
+                Side::Below => "below",
+            }),
         })
     }
 
@@ -208,6 +275,33 @@ impl Sensor {
         Ok(Self {
             model: SensorModel::Position(compute(py, || PositionSensor::new(std))?),
         })
+    }
+
+    #[pyo3(signature = (angle_std, attitude, position_std=None))]
+    #[staticmethod]
+    fn pose(py: Python<'_>, angle_std: [f64; 3], attitude: &str, position_std: Option<[f64; 3]>) -> PyResult<Self> {
+        let model = compute(py, || pose::sensor(angle_std, attitude, position_std))?;
+        Ok(Self { model })
+    }
+
+    /// Reports of a pose sensor as measurements.
+    fn measurements<'py>(&self, values: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        pose::measurements(&self.model, &values)
+    }
+
+    #[staticmethod]
+    fn camera(
+        points: PyReadonlyArray2<'_, f64>,
+        intrinsics: PyReadonlyArray2<'_, f64>,
+        pixel_std: f64,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            model: pose::camera(&points, &intrinsics, pixel_std)?,
+        })
+    }
+
+    fn pose_fix<'py>(&self, value: PyReadonlyArray1<'py, f64>) -> PyResult<PoseFix<'py>> {
+        pose::fix(&self.model, &value)
     }
 
     #[staticmethod]
@@ -251,6 +345,11 @@ impl Sensor {
     }
 
     #[getter]
+    fn angles(&self) -> Vec<usize> {
+        self.model.angles().to_vec()
+    }
+
+    #[getter]
     fn measurement_dim(&self) -> usize {
         self.model.measurement_dim()
     }
@@ -258,6 +357,12 @@ impl Sensor {
     #[getter]
     fn labels(&self) -> Vec<String> {
         self.model.labels()
+    }
+
+    /// Names of the components that the sensor adds to the state.
+    #[getter]
+    fn extra_labels(&self) -> Vec<String> {
+        self.model.nuisance().map_or_else(Vec::new, |nuisance| nuisance.labels)
     }
 
     fn noise<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -13,6 +13,7 @@ pub mod linalg;
 pub mod metric;
 pub mod model;
 pub mod scan;
+pub mod sim;
 pub mod state;
 pub mod stats;
 pub mod track;

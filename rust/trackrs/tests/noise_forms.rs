@@ -61,7 +61,7 @@ struct Both {
     written_out: NoiseEstimate,
 }
 
-fn both(motion: MotionModel, times: &[f64], rule: LimitedMemoryNoise) -> Both {
+fn both(motion: &MotionModel, times: &[f64], rule: LimitedMemoryNoise) -> Both {
     let mut random = Pcg64::new(7, 7);
     let mut uniform = || (random.next_u64() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0;
     let (n, m) = (motion.state_dim(), 2);
@@ -161,9 +161,9 @@ fn the_estimates_are_the_sums_of_the_smoothed_states() {
         let equal: Vec<f64> = (1..=12).map(f64::from).collect();
         let psd = || acceleration(KinematicNoise::Psd(vec![0.5, 0.8]));
         let cases = [
-            both(psd(), &IRREGULAR, input),
-            both(acceleration(KinematicNoise::Std(vec![0.5, 0.8])), &IRREGULAR, input),
-            both(psd(), &equal, full),
+            both(&psd(), &IRREGULAR, input),
+            both(&acceleration(KinematicNoise::Std(vec![0.5, 0.8])), &IRREGULAR, input),
+            both(&psd(), &equal, full),
         ];
         for Both { ours, written_out } in cases {
             assert_relative_eq!(ours.q, written_out.q, epsilon = 1e-9 * written_out.q.amax());

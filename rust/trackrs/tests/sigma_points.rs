@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
-use trackrs::filter::extended::{Method, update};
-use trackrs::filter::prediction::Rule;
+use trackrs::filter::extended::{Rule, update};
 use trackrs::filter::sequence::{Filter, History, InitialState};
 use trackrs::filter::sigma_points::SigmaPoints;
 use trackrs::filter::square_root::Form;
@@ -194,11 +193,8 @@ fn a_singular_covariance_has_points_and_an_indefinite_one_an_error() {
     let z = DVector::from_vec(vec![51.0, 0.9]);
     let found = filter.update(&state, &z, None).unwrap().posterior;
     assert_eq!(found.mean.rows(2, 2), state.mean.rows(2, 2));
-    let method = Method {
-        rule: Rule::SigmaPoints(SigmaPoints::cubature()),
-        ..Method::default()
-    };
-    let again: Result<_> = update(&state, filter.sensor(), &z, None, &method);
+    let rule = Rule::SigmaPoints(SigmaPoints::cubature());
+    let again: Result<_> = update(&state, filter.sensor(), &z, None, rule);
     assert_eq!(again.unwrap().posterior, found);
     state.cov[(0, 0)] = -1.0;
     let error = filter.update(&state, &z, None).unwrap_err();

@@ -32,12 +32,6 @@ impl Scratch {
     }
 }
 
-/// Where a posterior goes.
-struct Posterior<'a> {
-    mean: &'a mut [f64],
-    cov: &'a mut [f64],
-}
-
 impl MeasurementPrediction {
     /// The posterior for a fully observed innovation.
     pub(super) fn posterior_into(
@@ -53,10 +47,6 @@ impl MeasurementPrediction {
             root.posterior_into(prior, innovation, &mut scratch.root, &mut scratch.gain, out);
             return;
         }
-        let out = Posterior {
-            mean: out.mean.as_mut_slice(),
-            cov: out.cov.as_mut_slice(),
-        };
         match m {
             // The common numbers of components as constants too: the loops over them are in the middle of everything.
             1 => sized!(joseph_of_one(n, self, prior, innovation, scratch, out)),
@@ -76,7 +66,7 @@ macro_rules! joseph_of {
             prior: GaussianRef<'_>,
             innovation: &[f64],
             scratch: &mut Scratch,
-            out: Posterior<'_>,
+            out: &mut Gaussian,
         ) {
             joseph(known::<N>(n), ($m)(expected), expected, prior, innovation, scratch, out);
         })*
@@ -99,7 +89,7 @@ fn joseph(
     prior: GaussianRef<'_>,
     innovation: &[f64],
     scratch: &mut Scratch,
-    out: Posterior<'_>,
+    out: &mut Gaussian,
 ) {
     let hp = &expected.cross[..m * n];
     let Scratch {
@@ -115,18 +105,22 @@ fn joseph(
     gain.copy_from_slice(hp);
     kernel::solve_lower(m, n, lower, gain);
     kernel::solve_upper(m, n, lower, gain);
-    out.mean.copy_from_slice(prior.mean);
+    let mean = out.mean.as_mut_slice();
+    mean.copy_from_slice(prior.mean);
     for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
-        kernel::add_scaled(out.mean, r, row);
+        kernel::add_scaled(mean, r, row);
     }
-    kernel::add_transposed_product(n, prior.cov, -1.0, hp, gain, left);
+    left.copy_from_slice(&prior.cov[..n * n]);
+    kernel::subtract_transposed_product(n, hp, gain, left);
     expected.sparse.multiply(n, left, seen);
     kernel::multiply_sparse(m, n, &expected.noise, gain, rest);
     for (x, y) in rest.iter_mut().zip(seen.iter()) {
         *x -= y;
     }
-    kernel::add_transposed_product(n, left, 1.0, gain, rest, out.cov);
-    kernel::symmetrise(n, out.cov);
+    let cov = out.cov.as_mut_slice();
+    cov.copy_from_slice(left);
+    kernel::add_transposed_product(n, gain, rest, cov);
+    kernel::symmetrise(n, cov);
 }
 
 /// An update by the observed components of a measurement. Its memory serves one epoch after another.

@@ -9,21 +9,23 @@
 //!
 //! r = z − h(x⁻) with angles wrapped, H = ∂h/∂x at x⁻; then the update of [`super::kalman`].
 //! For a linear sensor this is the Kalman update itself.
+//! Second order: the mean and variance that the curvature of h adds, [`Sensor::curvature`], count as well: h(x⁻) + ½ tr(G P)
+//! is expected, with R + ½ tr(G P G P). It matters where the state is as uncertain as the ray is long.
 //!
 //! Iterated (`iterations` > 1): x_0 = x⁻,  x_{i+1} = x⁻ + K_i (z − h(x_i) − H_i (x⁻ − x_i)): Gauss-Newton on
 //! ‖x − x⁻‖² in P⁻ plus ‖z − h(x)‖² in R. It ends with the count, or when no component of x moves by more than
 //! [`SMALL_STEP`] of its standard deviation before the measurement. Innovation, NIS and likelihood are those at x⁻; the
 //! covariance is that of the last H.
 //!
-//! Reference: Bar-Shalom, Li, Kirubarajan (2001), §10.3 and §10.5.2; Bell, Cathey (1993), The iterated Kalman filter
-//! update as a Gauss-Newton method, IEEE Trans. AC 38(2).
+//! Reference: Bar-Shalom, Li, Kirubarajan (2001), §10.3, second order §10.3.2, iterated §10.5.2; Bell, Cathey (1993), The
+//! iterated Kalman filter update as a Gauss-Newton method, IEEE Trans. AC 38(2).
 //! Deviation: a linear sensor is not linearised twice, so that iterating changes no bit there.
 
 use nalgebra::DVector;
 
 use super::kalman::{MeasurementPrediction, Update, copy_rows};
 use super::look::{Look, Target};
-use super::prediction::Rule;
+use super::sigma_points::SigmaPoints;
 use super::square_root::{Form, factor_of};
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
@@ -31,6 +33,19 @@ use crate::model::Sensor;
 
 /// An iteration that moves every component of the state by less than this share of its standard deviation is the last.
 pub const SMALL_STEP: f64 = 1e-9;
+
+/// How models that are not linear are linearised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Rule {
+    /// At the state before the measurement.
+    Once,
+    /// At most so many times, at least once.
+    Iterated(usize),
+    /// At the state before the measurement, with the sensor's curvature.
+    SecondOrder,
+    /// Not at all: moments come from sigma points ([`super::sigma_points`]), of the motion too.
+    SigmaPoints(SigmaPoints),
+}
 
 /// What a sensor is expected to report of one state, linearised there.
 #[derive(Debug, Clone)]
@@ -72,40 +87,37 @@ pub struct Method {
     pub rule: Rule,
     /// How covariances are carried.
     pub form: Form,
-    /// Most linearisations of the sensor per measurement; of [`Rule::Taylor`] only.
-    pub iterations: usize,
 }
 
-impl Default for Method {
-    fn default() -> Self {
+impl From<Rule> for Method {
+    fn from(rule: Rule) -> Self {
         Self {
-            rule: Rule::Taylor,
+            rule,
             form: Form::Joseph,
-            iterations: 1,
         }
     }
 }
 
-/// Updates `prior` by one measurement of length m; NaN components were not observed.
+/// Updates `prior` by one measurement of length m by this method; NaN components were not observed.
 pub fn update(
     prior: &Gaussian,
     sensor: &dyn Sensor,
     measurement: &DVector<f64>,
     platform: Option<&DVector<f64>>,
-    method: &Method,
+    method: impl Into<Method>,
 ) -> Result<Update> {
     require_size("measurement", sensor.measurement_dim(), measurement.len())?;
-    let mut look = Look::new(prior.dim(), sensor, method)?;
+    let method = method.into();
+    let mut look = Look::new(prior.dim(), sensor, &method)?;
     let factor = factor_of(method.form, &prior.cov)?;
     let target = Target {
         prior,
         factor: factor.as_deref(),
         carried: None,
         sensor,
-        measurement: measurement.as_slice(),
         platform,
     };
-    look.expect(&target)?;
-    look.correct(&target)?;
+    look.expect(&target, measurement.as_slice())?;
+    look.correct(&target, measurement.as_slice())?;
     Ok(look.record())
 }

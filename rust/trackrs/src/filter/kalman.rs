@@ -25,7 +25,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::correction::{Correction, Scratch};
 use super::measured_root::MeasuredRoot;
-use super::prediction::{Course, Prediction, Rule};
+use super::extended::Rule;
+use super::prediction::{Course, Prediction};
 use super::square_root::Form;
 use crate::error::{Error, Result, require_size};
 use crate::gaussian::Gaussian;
@@ -43,7 +44,7 @@ pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
 
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
 pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {
-    let mut prediction = Prediction::new(prior.dim(), Rule::Taylor, Form::Joseph);
+    let mut prediction = Prediction::new(prior.dim(), Rule::Once, Form::Joseph);
     let course = Course {
         motion,
         dt,

@@ -114,7 +114,7 @@ impl Link {
 }
 
 fn identity(n: usize, matrix: &[f64]) -> bool {
-    let one = |i: usize| if i % (n + 1) == 0 { 1.0 } else { 0.0 };
+    let one = |i: usize| if i.is_multiple_of(n + 1) { 1.0 } else { 0.0 };
     matrix.iter().enumerate().all(|(i, &value)| value == one(i))
 }
 
@@ -173,7 +173,7 @@ fn fill<const N: usize>(
     // I − C F, its transpose, and what it makes of P.
     kernel::multiply(n, n, gain, f, first);
     for (i, x) in first.iter_mut().enumerate() {
-        *x = if i % (n + 1) == 0 { 1.0 } else { 0.0 } - *x;
+        *x = if i.is_multiple_of(n + 1) { 1.0 } else { 0.0 } - *x;
     }
     kernel::transpose(n, first, second);
     kernel::multiply(n, n, first, cov, third);

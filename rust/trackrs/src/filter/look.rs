@@ -7,15 +7,16 @@
 use nalgebra::DVector;
 
 use super::correction::Correction;
-use super::extended::{Linearised, Method, SMALL_STEP};
+use super::extended::{Linearised, Method, Rule, SMALL_STEP};
 use super::kalman::{Update, copy_rows};
-use super::prediction::{Rule, draw};
+use super::prediction::draw;
 use super::sigma_points::{SigmaPoints, Spread};
 use super::square_root::{Form, lower_cholesky, lower_root, solve_forward, solve_transposed};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel;
-use crate::model::{Sensor, sensor};
+use crate::model::Sensor;
+use crate::model::sensor::wrap_angle;
 
 /// One state and one measurement of it.
 #[derive(Clone, Copy)]
@@ -26,7 +27,6 @@ pub(super) struct Target<'a> {
     /// The points of its prediction, where the rule carries them on.
     pub(super) carried: Option<&'a Spread>,
     pub(super) sensor: &'a dyn Sensor,
-    pub(super) measurement: &'a [f64],
     pub(super) platform: Option<&'a DVector<f64>>,
 }
 
@@ -80,28 +80,46 @@ impl Look {
             linearised.prediction.noise.copy_from_slice(noise);
         }
         if self.method.form == Form::SquareRoot {
-            let m = self.innovation.len();
-            lower_root(m, noise, &mut vec![0.0; m * m], &mut self.noise_root, "sensor noise")?;
+            set_noise_root(noise, &mut self.noise_root)?;
         }
         Ok(())
     }
 
     /// Finds what is expected of the prior, and forms the innovation.
-    pub(super) fn expect(&mut self, target: &Target<'_>) -> Result<()> {
+    pub(super) fn expect(&mut self, target: &Target<'_>, measurement: &[f64]) -> Result<()> {
         match (self.method.rule, target.carried) {
             (Rule::SigmaPoints(points), Some(carried)) if !points.redraws() => {
                 self.expect_carried(&points, target, carried)?;
             }
             (Rule::SigmaPoints(points), _) if !target.sensor.is_linear() => self.expect_of_points(&points, target)?,
-            _ => {
-                self.linearised.at(&target.prior.mean, target.sensor, target.platform)?;
-                set_root(&mut self.linearised, target, &self.noise_root);
-                self.linearised.prediction.prepare(target.prior.cov.as_slice())?;
+            _ => self.expect_by_slope(target)?,
+        }
+        residual_into(
+            target.sensor,
+            measurement,
+            self.linearised.expected.as_slice(),
+            self.innovation.as_mut_slice(),
+        );
+        Ok(())
+    }
+
+    /// h and H at the mean, with the curvature where the rule has it.
+    fn expect_by_slope(&mut self, target: &Target<'_>) -> Result<()> {
+        let linearised = &mut self.linearised;
+        linearised.at(&target.prior.mean, target.sensor, target.platform)?;
+        if self.method.rule == Rule::SecondOrder
+            && let Some(curvature) = target.sensor.curvature(target.prior).transpose()?
+        {
+            linearised.expected += curvature.shift;
+            for (i, noise) in linearised.prediction.noise.iter_mut().enumerate() {
+                *noise = self.noise[i] + curvature.noise.as_slice()[i];
+            }
+            if self.method.form == Form::SquareRoot {
+                set_noise_root(&linearised.prediction.noise, &mut self.noise_root)?;
             }
         }
-        let expected = self.linearised.expected.as_slice();
-        residual_into(target, expected, self.innovation.as_mut_slice());
-        Ok(())
+        set_root(linearised, target, &self.noise_root);
+        linearised.prediction.prepare(target.prior.cov.as_slice())
     }
 
     /// S, cross covariance and mean from points of the prior, as a line and its noise.
@@ -163,19 +181,24 @@ impl Look {
     }
 
     /// Corrects the prior by the innovation.
-    pub(super) fn correct(&mut self, target: &Target<'_>) -> Result<()> {
+    pub(super) fn correct(&mut self, target: &Target<'_>, measurement: &[f64]) -> Result<()> {
         let prior = target.prior;
+        let iterations = if let Rule::Iterated(count) = self.method.rule {
+            count
+        } else {
+            1
+        };
         self.correction
             .apply(&self.linearised.prediction, prior.into(), self.innovation.as_slice())?;
         if target.sensor.is_linear() || self.correction.dof == 0 {
             return Ok(());
         }
-        for _ in 1..self.method.iterations {
+        for _ in 1..iterations {
             self.point.copy_from(&self.correction.posterior.mean);
             self.again.at(&self.point, target.sensor, target.platform)?;
             set_root(&mut self.again, target, &self.noise_root);
             self.again.prediction.prepare(prior.cov.as_slice())?;
-            residual_into(target, self.again.expected.as_slice(), &mut self.pseudo);
+            residual_into(target.sensor, measurement, self.again.expected.as_slice(), &mut self.pseudo);
             let n = prior.dim();
             for (r, h) in self
                 .pseudo
@@ -220,13 +243,19 @@ fn set_root(linearised: &mut Linearised, target: &Target<'_>, noise_root: &[f64]
     }
 }
 
+/// The factor of R.
+fn set_noise_root(noise: &[f64], root: &mut [f64]) -> Result<()> {
+    let m = noise.len().isqrt();
+    lower_root(m, noise, &mut vec![0.0; m * m], root, "sensor noise")
+}
+
 /// z − h with angles wrapped, NaN where z is.
-fn residual_into(target: &Target<'_>, expected: &[f64], out: &mut [f64]) {
-    for ((r, z), h) in out.iter_mut().zip(target.measurement).zip(expected) {
+fn residual_into(sensor: &dyn Sensor, measurement: &[f64], expected: &[f64], out: &mut [f64]) {
+    for ((r, z), h) in out.iter_mut().zip(measurement).zip(expected) {
         *r = z - h;
     }
-    for &i in target.sensor.angles() {
-        out[i] = sensor::wrap_angle(out[i]);
+    for &i in sensor.angles() {
+        out[i] = wrap_angle(out[i]);
     }
 }
 

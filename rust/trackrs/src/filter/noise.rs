@@ -305,7 +305,7 @@ impl NoiseMemory {
             (QForm::Full, _) => {
                 entry.gain.resize(n * n, 0.0);
                 for (i, x) in entry.gain.iter_mut().enumerate() {
-                    *x = if i % (n + 1) == 0 && dt != 0.0 { 1.0 } else { 0.0 };
+                    *x = if i.is_multiple_of(n + 1) && dt != 0.0 { 1.0 } else { 0.0 };
                 }
                 if dt != 0.0 {
                     let first = *self.full_dt.get_or_insert(dt);

@@ -15,6 +15,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::extended::Rule;
 use super::kalman::copy_rows;
 use super::sigma_points::{SigmaPoints, Spread};
 use super::square_root::{Form, lower_root, square, triangularise};
@@ -22,16 +23,6 @@ use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel::{self, Sparse, known, sized};
 use crate::model::Motion;
-
-/// How the moments of a function of the state are found.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Rule {
-    /// From its value and derivative at the mean.
-    #[default]
-    Taylor,
-    /// From its values at sigma points.
-    SigmaPoints(SigmaPoints),
-}
 
 /// What a state is predicted by.
 #[derive(Clone, Copy)]
@@ -337,6 +328,7 @@ fn predict_cov<const N: usize>(
     let [product, transposed] = work;
     f.multiply(n, cov, product);
     kernel::transpose(n, product, transposed);
-    f.multiply_add(n, transposed, noise, out);
+    out.copy_from_slice(noise);
+    f.add_product(n, transposed, out);
     kernel::mirror(n, out);
 }

@@ -3,8 +3,8 @@
 use super::adaptation::Adaptation;
 use super::runner::Epoch;
 use super::screen::{Screened, Verdict};
+use super::search::Start;
 use super::sequence::{Filter, History};
-use super::start::Start;
 use crate::gaussian::{Gaussian, Gaussians};
 use crate::linalg::stack::Stack;
 use crate::model::{Motion, Sensor};

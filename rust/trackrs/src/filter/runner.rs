@@ -6,15 +6,13 @@
 //! 3. the state is updated with the sensor noise in force;
 //! 4. what was used goes into the memory of the noise estimator, where one is set ([`super::noise`]), which changes the
 //!    noise of the next epoch (U19); rejected data never adapt it;
-//! 5. after [`LOCK_OUT`] epochs in a row whose rejections left no more components than the position has coordinates, the
-//!    filter starts anew from the fixes of these epochs, if they pass their redundancy test (U28): then the data agree
-//!    among themselves and the prediction is wrong. The smoother's link across a restart is cut (F = 0).
+//! 5. a filter that is lost finds its way back ([`super::recovery`]): after a lock-out it starts anew from the fixes of the
+//!    last epochs, and the smoother's link is cut (F = 0); measurements that meet a prediction too vague to use them are held
+//!    until together they give a start, and the link stays.
 //!
 //! Reference: Xi, Liu, Tao, Lu, Tracking submarine moving target with the adaptive estimation methodology; spec labels
-//! U19, U24–U28. Deviations: the paper has no restart; U28 has it only when fewer components are left than coordinates, but
-//! a filter that has lost its redundancy to one channel, rejected for ever, does not find back by itself either.
+//! U19, U24–U28.
 
-use std::collections::VecDeque;
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
@@ -23,6 +21,7 @@ use super::adaptation::{Adaptation, Corrected};
 use super::look::{Look, Target};
 use super::noise::ProcessedEpoch;
 use super::prediction::{Course, Prediction, Steps};
+use super::recovery::{Recovery, Row};
 use super::run::FilterRun;
 use super::screen::{Screened, Verdict};
 use super::sequence::{Filter, History, InitialState, Sequence};
@@ -30,9 +29,6 @@ use super::square_root::factor_of;
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::model::{Motion, Sensor};
-
-/// Epochs in a row with too few used components after which a restart is tried.
-pub const LOCK_OUT: usize = 3;
 
 /// A filter with its state, between two epochs. The memory that an epoch works in serves the next one again.
 pub struct Runner<'a> {
@@ -52,8 +48,7 @@ pub struct Runner<'a> {
     allowance: f64,
     /// The measurement with NaN in place of what was rejected.
     used: Vec<f64>,
-    /// The epochs in a row with too few used components.
-    locked: VecDeque<(f64, DVector<f64>)>,
+    recovery: Recovery<'a>,
 }
 
 /// What one epoch gives, until the next one.
@@ -82,27 +77,28 @@ pub struct Epoch<'a> {
 impl<'a> Runner<'a> {
     /// A run of `filter` that begins at `initial`.
     pub fn new(filter: &'a Filter, initial: &InitialState) -> Result<Self> {
-        let memory = filter.new_memory(&initial.state)?;
+        let state = filter.complete(&initial.state)?;
+        let memory = filter.new_memory(&state)?;
         let allowance = filter
             .screen()
             .map_or(0.0, |screen| screen.allowance_for(filter.sensor()));
-        let n = initial.state.dim();
+        let n = state.dim();
         let method = filter.method();
         Ok(Self {
             filter,
             time: initial.time,
-            state: initial.state.clone(),
-            factor: factor_of(method.form, &initial.state.cov)?,
+            factor: factor_of(method.form, &state.cov)?,
+            between: state.clone(),
+            state,
             prediction: Prediction::new(n, method.rule, method.form),
             ahead: Prediction::new(n, method.rule, method.form),
-            between: initial.state.clone(),
             look: Look::new(n, filter.sensor(), method)?,
             gain: vec![0.0; if memory.is_some() { n * filter.sensor().measurement_dim() } else { 0 }],
             memory,
             screened: None,
             allowance,
             used: Vec::with_capacity(filter.sensor().measurement_dim()),
-            locked: VecDeque::with_capacity(LOCK_OUT),
+            recovery: Recovery::default(),
         })
     }
 
@@ -218,17 +214,25 @@ impl<'a> Runner<'a> {
         if let Some(memory) = &self.memory {
             self.look.set_noise(memory.r().as_slice())?;
         }
+        let row = Row {
+            time,
+            measurement,
+            input,
+        };
+        let held = self.recovery.hold(self.filter, &row, &self.prediction.state)?;
+        self.used.clear();
+        match held {
+            Some(_) => self.used.resize(measurement.len(), f64::NAN),
+            None => self.used.extend_from_slice(measurement),
+        }
         let target = Target {
             prior: &self.prediction.state,
             factor: self.prediction.factor(),
             carried: self.prediction.carried(),
             sensor,
-            measurement,
             platform: None,
         };
-        self.look.expect(&target)?;
-        self.used.clear();
-        self.used.extend_from_slice(measurement);
+        self.look.expect(&target, &self.used)?;
         if let Some(screen) = self.filter.screen() {
             let expected = &self.look.linearised.prediction;
             let jacobian = DMatrix::from_row_slice(measurement.len(), self.state.dim(), expected.jacobian());
@@ -241,7 +245,7 @@ impl<'a> Runner<'a> {
             }
             self.screened = Some(outcome);
         }
-        self.look.correct(&target)?;
+        self.look.correct(&target, &self.used)?;
         self.time = time;
         std::mem::swap(&mut self.state, &mut self.look.correction.posterior);
         if let (Some(factor), Some(found)) = (
@@ -250,9 +254,16 @@ impl<'a> Runner<'a> {
         ) {
             factor.copy_from_slice(found);
         }
-        if let Some(start) = self.restart(time, measurement)? {
-            // The state before the measurement is the start itself, reached from nothing.
-            self.prediction.cut(&start);
+        let found = match held {
+            Some(held) => held.start,
+            None => {
+                let used = self.look.correction.dof;
+                let start = self.recovery.restart(self.filter, &row, self.screened.as_ref(), used)?;
+                // The state before the measurement is the start itself, reached from nothing.
+                start.inspect(|start| self.prediction.cut(start))
+            }
+        };
+        if let Some(start) = found {
             self.factor = factor_of(self.filter.method().form, &start.cov)?;
             self.state = start;
             if let Some(memory) = &mut self.memory {
@@ -280,33 +291,5 @@ impl<'a> Runner<'a> {
             memory.push(&epoch, &corrected, sensor)?;
         }
         Ok(false)
-    }
-
-    /// A new start, if the filter has locked itself out and the last epochs' own fixes agree (U28).
-    fn restart(&mut self, time: f64, measurement: &[f64]) -> Result<Option<Gaussian>> {
-        let Some(screened) = &self.screened else {
-            return Ok(None);
-        };
-        let rejected = screened.verdicts.contains(&Verdict::Rejected);
-        if self.look.correction.dof > self.filter.motion().position_dims() || !rejected {
-            self.locked.clear();
-            return Ok(None);
-        }
-        if self.locked.len() == LOCK_OUT {
-            self.locked.pop_front();
-        }
-        self.locked.push_back((time, DVector::from_column_slice(measurement)));
-        if self.locked.len() < LOCK_OUT {
-            return Ok(None);
-        }
-        let Ok(mut starter) = self.filter.starter() else {
-            return Ok(None);
-        };
-        let (times, measurements): (Vec<f64>, Vec<DVector<f64>>) = self.locked.iter().cloned().unzip();
-        let Some(start) = starter.search(&times, &measurements)? else {
-            return Ok(None);
-        };
-        self.locked.clear();
-        Ok(Some(start.initial.state))
     }
 }

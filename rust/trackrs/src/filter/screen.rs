@@ -9,6 +9,7 @@
 //! | α      | `alpha`        |       | probability of rejecting what is right                        |
 //!
 //! In the test only, D_t = D + p_test A_p A_pᵀ (U27): a manoeuvre moves all ranges consistently, a gross error does not.
+//! p_test is [`ALLOWANCE`] range variances where none is given: the size of gross error that matters grows with the noise.
 //! T = rᵀ D_t⁻¹ r over the observed components (U20), threshold χ²_{1−α}(m) (U22).
 //! * whole vector (U24): T above the threshold rejects all components;
 //! * per component (U25): r_i² / D_t,ii > χ²_{1−α}(1) rejects component i;
@@ -17,7 +18,9 @@
 //!
 //! Reference: Xi, Liu, Tao, Lu, Tracking submarine moving target with the adaptive estimation methodology, eqs. (13), (14);
 //! Baarda (1968), A testing procedure for use in geodetic networks. Spec labels U20–U27.
-//! Deviation: the paper has the whole-vector test only, and no allowance.
+//! Deviations: the paper has the whole-vector test only, and no allowance. U27 recommends 25 m², 4 m² or none by
+//! redundancy for ranges of 1 m; 4 m² serves every redundancy better (200 runs each of the reference course with 10 % gross
+//! errors: at 25 m² a quarter of the runs on three hydrophones is ever 10 m off, at none half of them, at 4 m² none).
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -26,6 +29,9 @@ use crate::error::{Error, Result, require_non_negative, require_size};
 use crate::linalg::cholesky::Cholesky;
 use crate::model::Sensor;
 use crate::stats::chi_square;
+
+/// Recommended allowance, in variances of a range.
+pub const ALLOWANCE: f64 = 4.0;
 
 /// Which components a failed test rejects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -45,6 +51,7 @@ pub struct ChiSquareScreen {
     alpha: f64,
     mode: ScreenMode,
     allowance: Option<f64>,
+    restart: bool,
 }
 
 /// What became of one component of a measurement.
@@ -88,20 +95,40 @@ impl ChiSquareScreen {
             return Err(Error::invalid("alpha", alpha, "must lie strictly between 0 and 1"));
         }
         allowance.map_or(Ok(()), |value| require_non_negative("allowance", value))?;
-        Ok(Self { alpha, mode, allowance })
+        Ok(Self {
+            alpha,
+            mode,
+            allowance,
+            restart: true,
+        })
     }
 
-    /// The allowance in force for this sensor, m²: the one given, or for sensors that fix positions the one that U27
-    /// recommends for their redundancy, or none.
+    /// The paper's test: the whole vector, no allowance, no restart. It loses a manoeuvring target.
+    pub fn as_printed(alpha: f64) -> Result<Self> {
+        Ok(Self::new(alpha, ScreenMode::Vector, Some(0.0))?.without_restart())
+    }
+
+    /// The same screen for a filter that goes on after a lock-out instead of starting anew.
+    #[must_use]
+    pub fn without_restart(mut self) -> Self {
+        self.restart = false;
+        self
+    }
+
+    /// Whether a filter starts anew after a lock-out.
+    pub fn restarts(&self) -> bool {
+        self.restart
+    }
+
+    /// The allowance in force for this sensor, m²: the one given, or for sensors that fix positions [`ALLOWANCE`] times the
+    /// variance of a range, or none.
     pub fn allowance_for(&self, sensor: &dyn Sensor) -> f64 {
-        let recommended = |redundancy: usize| match redundancy {
-            0 | 1 => 25.0,
-            2 => 4.0,
-            _ => 0.0,
+        let recommended = || {
+            sensor
+                .position_fix()
+                .map_or(0.0, |fixer| ALLOWANCE * fixer.range_variance())
         };
-        let fixer = sensor.position_fix();
-        self.allowance
-            .unwrap_or_else(|| fixer.map_or(0.0, |fixer| recommended(fixer.redundancy())))
+        self.allowance.unwrap_or_else(recommended)
     }
 
     /// Screens one innovation. `jacobian` is m×n with the position in its first `position_dims` columns; `allowance` is

@@ -2,24 +2,25 @@
 //!
 //! For k = 0..T: predict from the time before to t_k (the first from `initial.time`, dt = 0 allowed), then update with
 //! row k of the measurements. A row that is NaN throughout is a prediction only.
-//! Without an initial state the run begins where [`super::start`] finds one; rows before that are NaN.
+//! Without an initial state the run begins where [`super::search`] finds one; rows before that are NaN.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::adaptation::{Adaptation, NoiseRule};
-use super::extended::Method;
+use super::extended::{Method, Rule};
 use super::lead::Lead;
-use super::prediction::{Course, Prediction, Rule};
+use super::prediction::{Course, Prediction};
 use super::run::FilterRun;
 use super::runner::Runner;
 use super::screen::ChiSquareScreen;
+use super::search::{START_ALPHA, Start, Starter};
 use super::sigma_points::SigmaPoints;
 use super::square_root::{Form, factor_of};
-use super::start::{START_ALPHA, Start, Starter};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::gaussian::Gaussian;
+use crate::model::motion::Augmented;
 use crate::model::sensor::check_platform;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
@@ -72,13 +73,18 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// The extended Kalman filter of these models.
+    /// The extended Kalman filter of these models. The lasting errors of a sensor that has such are estimated with the
+    /// target: they stand behind the state of the motion.
     pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
         sensor.check(&motion)?;
+        let motion = match sensor.nuisance() {
+            Some(nuisance) => MotionModel::Augmented(Box::new(Augmented::new(motion, nuisance))),
+            None => motion,
+        };
         Ok(Self {
             motion,
             sensor,
-            method: Method::default(),
+            method: Rule::Once.into(),
             steps: 1,
             horizon: None,
             screen: None,
@@ -161,7 +167,7 @@ impl Filter {
         if iterations == 0 {
             return Err(Error::invalid("iterations", 0, "must be at least 1"));
         }
-        self.method.iterations = iterations;
+        self.method.rule = Rule::Iterated(iterations);
         Ok(self)
     }
 
@@ -171,6 +177,20 @@ impl Filter {
         rule.check(&self.motion)?;
         self.adapt = Some(rule);
         self.check_steps()?;
+        Ok(self)
+    }
+
+    /// The same filter with the curvature of the sensor in its updates; an error if the sensor does not give it.
+    pub fn with_second_order(mut self) -> Result<Self> {
+        let unknown = Gaussian {
+            mean: DVector::from_element(self.motion.state_dim(), 1.0),
+            cov: DMatrix::identity(self.motion.state_dim(), self.motion.state_dim()),
+        };
+        if self.sensor.curvature(&unknown).is_none() {
+            let requirement = "needs a sensor that gives its curvature, such as RangeArray";
+            return Err(Error::invalid("second_order", true, requirement));
+        }
+        self.method.rule = Rule::SecondOrder;
         Ok(self)
     }
 
@@ -225,6 +245,8 @@ impl Filter {
                 previous: 0.0,
             });
         }
+        self.require_states("input", input)?;
+        let input = input.map(|input| self.complete_input(input));
         let mut prediction = Prediction::new(state.dim(), self.method.rule, self.method.form);
         let mut factor = factor_of(self.method.form, &state.cov)?;
         let mut state = state.clone();
@@ -232,7 +254,7 @@ impl Filter {
             let course = Course {
                 motion: &self.motion,
                 dt: dt / self.steps as f64,
-                input: input.filter(|_| step + 1 == self.steps).map(DVector::as_slice),
+                input: input.as_ref().filter(|_| step + 1 == self.steps).map(DVector::as_slice),
                 noise: None,
             };
             prediction.predict(&state, factor.as_deref(), &course)?;
@@ -251,7 +273,7 @@ impl Filter {
     ) -> Result<kalman::Update> {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
-        extended::update(state, &self.sensor, measurement, platform, &self.method)
+        extended::update(state, &self.sensor, measurement, platform, self.method)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
@@ -279,14 +301,13 @@ impl Filter {
     ) -> Result<FilterRun> {
         let m = self.sensor.measurement_dim();
         let flat = flatten("measurement", measurements, m)?;
-        let inputs = inputs.map(|rows| flatten("input", rows, self.motion.state_dim()));
-        let inputs = inputs.transpose()?;
+        let complete = inputs.map(|rows| self.flatten_inputs(rows)).transpose()?;
         let leads = lead.map(|lead| lead.seconds(times, self.horizon)).transpose()?;
         let data = Sequence {
             leads: leads.as_deref(),
             times,
             measurements: &flat,
-            inputs: inputs.as_deref(),
+            inputs: complete.as_deref(),
             first_row: 0,
         };
         self.check(&data, initial)?;
@@ -296,7 +317,7 @@ impl Filter {
             Runner::new(self, initial)?
         } else {
             let mut starter = self.starter()?;
-            let Some(start) = starter.search(times, measurements)? else {
+            let Some(start) = starter.search(times, measurements, inputs)? else {
                 return Err(starter.failure());
             };
             run.push_start(self, &start, history, leads.is_some());
@@ -310,6 +331,13 @@ impl Filter {
         run.reserve(times.len() - from, history);
         runner.advance(&data, from..times.len(), history, &mut run)?;
         Ok(run)
+    }
+
+    /// Inputs with or without the lasting errors of the sensor, one after the other.
+    fn flatten_inputs(&self, rows: &[DVector<f64>]) -> Result<Vec<f64>> {
+        self.require_states("input", rows)?;
+        let complete: Vec<_> = rows.iter().map(|row| self.complete_input(row)).collect();
+        flatten("input", &complete, self.motion.state_dim())
     }
 
     /// The search for the start of a run; an error if the models cannot start one.
@@ -333,7 +361,7 @@ impl Filter {
         require_size("measurements", count * m, data.measurements.len())?;
         if let Some(initial) = initial {
             require_finite("initial time", [&initial.time])?;
-            require_size("initial state", n, initial.state.dim())?;
+            self.require_states("initial state", [&initial.state.mean])?;
         }
         if let Some(inputs) = data.inputs {
             require_size("inputs", count * n, inputs.len())?;

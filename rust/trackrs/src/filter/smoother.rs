@@ -5,7 +5,7 @@
 //! | x_i, P_i | `Epoch::filtered`   | n, n×n | estimate of epoch i given the data to i                        |
 //! | x⁻, P⁻   | `Epoch::predicted`  | n, n×n | estimate of epoch i given the data to i−1                      |
 //! | F, Q     | `transition`, `noise` | n×n  | of the step from i−1 to i                                      |
-//! | C, D     | [`super::link`]     | n×n    | gain from i to i−1; covariance of i−1 if i were known          |
+//! | C, D     | `Link`              | n×n    | gain from i to i−1; covariance of i−1 if i were known          |
 //! | k        |                     |        | the last epoch whose data are used                             |
 //!
 //! gain       C = P_{i−1} Fᵀ (P⁻)⁻¹, by solving with the Cholesky factor of P⁻                       (U14)

@@ -1,4 +1,4 @@
-//! A state from position fixes: how a filter begins without being told where.
+//! A state from position fixes at different times.
 //!
 //! | symbol   | name here    | shape | meaning                                                       |
 //! |----------|--------------|-------|---------------------------------------------------------------|
@@ -13,8 +13,7 @@
 //! With a motion model, the noise between the fixes is added: p_i = v_i (x − w_i) + e_i with v_i row i of V ⊗ I, so that
 //! E[v_i w_i (v_j w_j)ᵀ] = v_i W_j v_jᵀ for i ≤ j joins the covariance of the fixes. Without one it is U12 as it stands.
 //!
-//! A run starts at the third of three consecutive measurements whose fixes all pass the test of their redundancy.
-//! Reference: paper of Xi, Liu, Tao, Lu, initial values; spec label U12 and first-epoch condition.
+//! Reference: paper of Xi, Liu, Tao, Lu, initial values; spec label U12.
 //! Deviation: the paper takes the velocity of the first interval and a block-diagonal covariance.
 
 use nalgebra::{DMatrix, DVector};
@@ -23,12 +22,7 @@ use super::sequence::InitialState;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
 use crate::linalg::symmetric::symmetrise;
-use crate::model::{Motion, Sensor, sensor::PositionFix};
-
-/// Fixes in a row that must pass before a run starts.
-const CONSECUTIVE: usize = 3;
-/// Level of the test of each of them: one good fix in a hundred delays the start.
-pub const START_ALPHA: f64 = 0.01;
+use crate::model::Motion;
 
 /// A position at a time.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,119 +113,6 @@ fn add_noise(cov: &mut DMatrix<f64>, times: &[f64], rows: &DMatrix<f64>, motion:
             }
         }
     }
-}
-
-/// Where a run starts.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Start {
-    /// Row of the measurement at whose time the state holds, counted in what was last searched.
-    pub row: usize,
-    /// The state, with that measurement in it.
-    pub initial: InitialState,
-}
-
-/// Looks through measurements for the first from which a run can start.
-#[derive(Clone)]
-pub struct Starter<'a> {
-    motion: &'a dyn Motion,
-    fixer: &'a dyn PositionFix,
-    order: usize,
-    alpha: f64,
-    recent: Vec<TimedFix>,
-    refused: Option<Error>,
-}
-
-impl<'a> Starter<'a> {
-    /// A search with fixes tested at level `alpha`; an error if these models cannot start a state.
-    pub fn new(motion: &'a dyn Motion, sensor: &'a dyn Sensor, alpha: f64) -> Result<Self> {
-        let missing = |why: &str| Err(Error::invalid("initial", "missing", why));
-        let Some(fixer) = sensor.position_fix() else {
-            return missing("must be given: the sensor alone cannot start a state");
-        };
-        let Some(order) = kinematic_order(motion) else {
-            return missing("must be given: only a state of position, velocity and acceleration starts by itself");
-        };
-        crate::error::require_probability("alpha", alpha)?;
-        Ok(Self {
-            motion,
-            fixer,
-            order,
-            alpha,
-            recent: Vec::new(),
-            refused: None,
-        })
-    }
-
-    /// The first start in these measurements, which follow those searched before.
-    pub fn search(&mut self, times: &[f64], measurements: &[DVector<f64>]) -> Result<Option<Start>> {
-        for (row, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
-            if let Some(initial) = self.push(time, measurement)? {
-                return Ok(Some(Start { row, initial }));
-            }
-        }
-        Ok(None)
-    }
-
-    fn push(&mut self, time: f64, measurement: &DVector<f64>) -> Result<Option<InitialState>> {
-        match self.tested(measurement) {
-            Ok(position) => {
-                if self.recent.last().is_some_and(|last| last.time == time) {
-                    self.recent.clear();
-                }
-                self.recent.push(TimedFix { time, position });
-            }
-            // An infinite number is a fault of the caller, not of the sea.
-            Err(error @ (Error::NonFinite { .. } | Error::DimensionMismatch { .. })) => return Err(error),
-            Err(error) => {
-                self.recent.clear();
-                self.refused.get_or_insert(error);
-            }
-        }
-        if self.recent.len() < CONSECUTIVE {
-            return Ok(None);
-        }
-        let used = &self.recent[CONSECUTIVE - self.order..];
-        start_state(used, self.order, Some(self.motion)).map(Some)
-    }
-
-    /// A fix that passed its test. Where the sensor has redundancy, a fix without any is not good enough.
-    fn tested(&self, measurement: &DVector<f64>) -> Result<Gaussian> {
-        let fix = self.fixer.fix(measurement)?;
-        if fix.dof == 0 && self.fixer.redundancy() > 0 {
-            let reason = "too few components to test the fix";
-            return Err(Error::invalid("measurement", "incomplete", reason));
-        }
-        if fix.p_value < self.alpha {
-            let requirement = format!("must be at least {} to start from this fix", self.alpha);
-            return Err(Error::invalid("p_value of the fix", fix.p_value, &requirement));
-        }
-        Ok(fix.position)
-    }
-
-    /// The error of a search that found nothing.
-    pub fn failure(&self) -> Error {
-        let first = self
-            .refused
-            .as_ref()
-            .map_or(String::new(), |e| format!("; first refusal: {e}"));
-        Error::Unobservable {
-            sensor: "the array".into(),
-            reason: format!(
-                "no {CONSECUTIVE} consecutive measurements gave position fixes that pass their test (alpha = {}){first}",
-                self.alpha
-            ),
-        }
-    }
-}
-
-/// How many derivatives a state of blocks `x y z vx vy vz ax ay az` holds; None for another kind of state.
-fn kinematic_order(motion: &dyn Motion) -> Option<usize> {
-    let d = motion.position_dims();
-    let labels = motion.labels();
-    let order = labels.len().checked_div(d)?;
-    let fits = |(i, label): (usize, &String)| *label == format!("{}{}", ["", "v", "a"][i / d], labels[i % d]);
-    let kinematic = (1..=3).contains(&order) && labels.len() == order * d && labels.iter().enumerate().all(fits);
-    kinematic.then_some(order)
 }
 
 #[cfg(test)]

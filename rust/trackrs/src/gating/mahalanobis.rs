@@ -124,7 +124,7 @@ fn whiten(prediction: &MeasurementPrediction, innovation: &DVector<f64>) -> Resu
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filter::extended::{linearise, update};
+    use crate::filter::extended::{Rule, linearise, update};
     use crate::model::sensor::RangeBearing;
     use nalgebra::DMatrix;
 
@@ -154,7 +154,7 @@ mod tests {
         let gated = gate(&track, &radar, &reports, &thresholds).unwrap();
         let mut expected = Vec::new();
         for (report, measured) in reports.iter().enumerate() {
-            let update = update(&prior, &radar, measured, None, 1).unwrap();
+            let update = update(&prior, &radar, measured, None, Rule::Once).unwrap();
             if update.nis <= thresholds[update.dof] {
                 expected.push((report, update.nis, update.log_likelihood));
             }

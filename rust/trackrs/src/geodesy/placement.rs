@@ -56,6 +56,15 @@ pub struct Placement {
     pub variance: f64,
 }
 
+impl Placement {
+    /// For every element the standard deviation of its position in the direction where it is largest, metres: a bound on the
+    /// error that the placement makes of a range to it, whatever the direction of the target.
+    pub fn survey_std(&self) -> Vec<f64> {
+        let largest = |point: &PointEstimate| point.cov.symmetric_eigenvalues().max().max(0.0).sqrt();
+        self.elements.iter().map(largest).collect()
+    }
+}
+
 /// Places an array in NED (z down) about `origin`. `fixes` has one entry per element, three of them or more a fix, and
 /// those elements do not lie on one line.
 pub fn place_array(elements: &[Vector3<f64>], fixes: &[Option<Fix>], origin: Geodetic) -> Result<Placement> {

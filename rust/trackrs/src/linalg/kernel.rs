@@ -2,7 +2,7 @@
 //!
 //! Matrices are row-major. Each product adds multiples of rows of length n to a row, so that the innermost loop runs over
 //! contiguous numbers and no sum is reordered: the results are the same bits on every CPU and for every way the loops are
-//! compiled. [`sized!`] calls what is made of them with n as a constant for the sizes that states commonly have. It is the
+//! compiled. `sized!` calls what is made of them with n as a constant for the sizes that states commonly have. It is the
 //! same source, so the results are equal bit for bit; the constant lets the compiler unroll the inner loops.
 //!
 //! Cholesky row by row: L_ij = (A_ij − Σ_k L_ik L_jk) / L_jj,  L_jj = sqrt(A_jj − Σ_k L_jk²).
@@ -86,14 +86,22 @@ pub(crate) fn add_product_lower(k: usize, n: usize, a: &[f64], b: &[f64], out: &
     }
 }
 
-/// `out` = C + `sign` × Aᵀ B (n×n), A and B being k×n. One row after the other stays where it is quickly reached.
+/// Adds Aᵀ B to `out` (n×n), A and B being k×n.
 #[inline(always)]
-pub(crate) fn add_transposed_product(n: usize, c: &[f64], sign: f64, a: &[f64], b: &[f64], out: &mut [f64]) {
-    let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
-    for (i, (row, start)) in rows.enumerate() {
-        row.copy_from_slice(start);
+pub(crate) fn add_transposed_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
         for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
-            add_scaled(row, sign * left[i], right);
+            add_scaled(row, left[i], right);
+        }
+    }
+}
+
+/// Subtracts Aᵀ B from `out` (n×n), A and B being k×n.
+#[inline(always)]
+pub(crate) fn subtract_transposed_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
+        for (left, right) in a.chunks_exact(n.max(1)).zip(b.chunks_exact(n.max(1))) {
+            add_scaled(row, -left[i], right);
         }
     }
 }
@@ -132,13 +140,11 @@ impl Sparse {
         }
     }
 
-    /// `out` = A B + C, B and C with rows of length n.
+    /// Adds A B to `out`, B with rows of length n.
     #[inline(always)]
-    pub(crate) fn multiply_add(&self, n: usize, b: &[f64], c: &[f64], out: &mut [f64]) {
+    pub(crate) fn add_product(&self, n: usize, b: &[f64], out: &mut [f64]) {
         let mut from = 0;
-        let rows = out.chunks_exact_mut(n.max(1)).zip(c.chunks_exact(n.max(1)));
-        for ((row, start), &to) in rows.zip(&self.ends) {
-            row.copy_from_slice(start);
+        for (row, &to) in out.chunks_exact_mut(n.max(1)).zip(&self.ends) {
             for &(k, factor) in &self.entries[from..to] {
                 add_scaled(row, factor, &b[k * n..(k + 1) * n]);
             }
@@ -235,7 +241,9 @@ pub(crate) fn solve_lower(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
             add_scaled(row, -l[i * m + k], other);
         }
         let inverse = 1.0 / l[i * m + i];
-        row.iter_mut().for_each(|x| *x *= inverse);
+        for x in row {
+            *x *= inverse;
+        }
     }
 }
 
@@ -249,7 +257,9 @@ pub(crate) fn solve_upper(m: usize, w: usize, l: &[f64], b: &mut [f64]) {
             add_scaled(row, -l[(i + 1 + k) * m + i], other);
         }
         let inverse = 1.0 / l[i * m + i];
-        row.iter_mut().for_each(|x| *x *= inverse);
+        for x in row {
+            *x *= inverse;
+        }
     }
 }
 

@@ -135,7 +135,9 @@ mod tests {
             .map(|k| DMatrix::from_fn(2, 3, |i, j| (10 * k + 3 * i + j) as f64))
             .collect();
         let mut stack = Stack::new(2, 3);
-        list.iter().for_each(|m| stack.push_matrix(m));
+        for matrix in &list {
+            stack.push_matrix(matrix);
+        }
         assert_eq!((stack.len(), stack.matrix(1)), (3, list[1].clone()));
         assert_eq!(stack.at(1), &[10.0, 11.0, 12.0, 13.0, 14.0, 15.0]);
         stack.reverse();

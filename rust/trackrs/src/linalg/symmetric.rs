@@ -1,6 +1,6 @@
 //! Symmetric matrices: exact symmetry, and the check that a covariance is one.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::kernel;
 use crate::error::{Error, Result, require_finite, require_size};
@@ -40,6 +40,35 @@ pub fn eigen_range(matrix: &DMatrix<f64>) -> Result<EigenRange> {
     })
 }
 
+/// A symmetric matrix taken apart: A = V diag(λ) Vᵀ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SymmetricEigen {
+    /// λ, not decreasing.
+    pub values: DVector<f64>,
+    /// V, orthogonal: its columns are the eigenvectors.
+    pub vectors: DMatrix<f64>,
+}
+
+/// Eigenvalues and eigenvectors of a symmetric matrix (its lower half is read).
+pub fn symmetric_eigen(matrix: &DMatrix<f64>) -> Result<SymmetricEigen> {
+    let n = matrix.nrows();
+    if n == 0 {
+        let (values, vectors) = (DVector::zeros(0), DMatrix::zeros(0, 0));
+        return Ok(SymmetricEigen { values, vectors });
+    }
+    let view = faer::MatRef::from_column_major_slice(matrix.as_slice(), n, n);
+    let eigen = view
+        .self_adjoint_eigen(faer::Side::Lower)
+        .map_err(|_| Error::NonFinite {
+            what: "eigenvalues".into(),
+            index: 0,
+        })?;
+    Ok(SymmetricEigen {
+        values: DVector::from_fn(n, |i, _| eigen.S()[i]),
+        vectors: DMatrix::from_fn(n, n, |i, j| eigen.U()[(i, j)]),
+    })
+}
+
 /// The matrix with its eigenvalues clipped into [`min`, `max`] (its lower half is read). A matrix whose eigenvalues lie
 /// strictly between is returned as it is: A − min I and max I − A then have Cholesky factors.
 pub fn clip_eigenvalues(matrix: &DMatrix<f64>, min: f64, max: f64) -> Result<DMatrix<f64>> {
@@ -55,15 +84,8 @@ pub fn clip_eigenvalues(matrix: &DMatrix<f64>, min: f64, max: f64) -> Result<DMa
             return Ok(matrix.clone());
         }
     }
-    let view = faer::MatRef::from_column_major_slice(matrix.as_slice(), n, n);
-    let eigen = view
-        .self_adjoint_eigen(faer::Side::Lower)
-        .map_err(|_| Error::NonFinite {
-            what: "eigenvalues".into(),
-            index: 0,
-        })?;
-    let vectors = DMatrix::from_fn(n, n, |i, j| eigen.U()[(i, j)]);
-    let clipped = DMatrix::from_fn(n, n, |i, j| if i == j { eigen.S()[i].clamp(min, max) } else { 0.0 });
+    let SymmetricEigen { values, vectors } = symmetric_eigen(matrix)?;
+    let clipped = DMatrix::from_diagonal(&values.map(|value| value.clamp(min, max)));
     let mut out = &vectors * clipped * vectors.transpose();
     symmetrise(&mut out);
     Ok(out)

@@ -31,17 +31,47 @@ pub struct Band {
     pub upper: f64,
 }
 
+/// Chi-square tests, one per row. Without a degree of freedom statistic and p-value are NaN.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ChiSquareTests {
+    /// Chi-square with `dof` degrees of freedom if the model is right.
+    pub statistics: Vec<f64>,
+    /// Degrees of freedom.
+    pub dof: Vec<usize>,
+    /// Probability of a statistic at least as large.
+    pub p_values: Vec<f64>,
+}
+
+impl ChiSquareTests {
+    pub(super) fn push(&mut self, statistic: f64, dof: usize) {
+        self.dof.push(dof);
+        if dof == 0 && statistic.is_finite() {
+            self.statistics.push(f64::NAN);
+            self.p_values.push(f64::NAN);
+            return;
+        }
+        self.statistics.push(statistic);
+        let impossible = statistic == f64::INFINITY;
+        self.p_values.push(if impossible {
+            0.0
+        } else {
+            chi_square::survival(statistic, dof)
+        });
+    }
+}
+
 /// eᵀ P⁻¹ e of every row of `errors` with its covariance. An error names the covariance by its row.
-pub fn nees(errors: &DMatrix<f64>, covs: &[DMatrix<f64>]) -> Result<Vec<f64>> {
+pub fn nees(errors: &DMatrix<f64>, covs: &[DMatrix<f64>]) -> Result<ChiSquareTests> {
     require_finite("errors", &errors.transpose())?;
     require_size("covariances", errors.nrows(), covs.len())?;
-    let one = |(row, cov): (usize, &DMatrix<f64>)| {
+    let mut tests = ChiSquareTests::default();
+    for (row, cov) in covs.iter().enumerate() {
         let what = format!("covariance {row}");
         require_size(&what, errors.ncols(), cov.nrows())?;
         let error: DVector<f64> = errors.row(row).transpose();
-        Ok(Cholesky::new(cov, &what)?.whiten(&error).norm_squared())
-    };
-    covs.iter().enumerate().map(one).collect()
+        tests.push(Cholesky::new(cov, &what)?.whiten(&error).norm_squared(), errors.ncols());
+    }
+    Ok(tests)
 }
 
 /// The interval that holds, with this probability, the average over `runs` independent values of a chi-square
@@ -80,7 +110,7 @@ mod tests {
             DMatrix::identity(2, 2),
             DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 3.0]),
         ];
-        let values = nees(&errors, &covs).unwrap();
+        let values = nees(&errors, &covs).unwrap().statistics;
         // P⁻¹ = [[3, -1], [-1, 2]] / 5
         assert_relative_eq!(values[0], 5.0);
         assert_relative_eq!(values[1], (27.0 - 24.0 + 32.0) / 5.0, max_relative = 1e-14);

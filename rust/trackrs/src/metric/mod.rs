@@ -3,4 +3,6 @@
 pub mod consistency;
 pub mod evaluate;
 pub mod gospa;
+pub mod innovation;
 pub mod ospa;
+pub mod whiteness;

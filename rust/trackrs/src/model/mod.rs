@@ -2,7 +2,11 @@
 
 pub mod motion;
 pub mod numeric;
+pub mod rotation;
 pub mod sensor;
+pub mod space;
 
 pub use motion::{Motion, MotionModel, NoiseInput};
+pub use rotation::Rotation;
 pub use sensor::{Sensor, SensorModel};
+pub use space::StateSpace;

@@ -71,9 +71,16 @@ impl TrackerConfig {
         if self.sensors.is_empty() {
             return Err(Error::invalid("sensors", "empty", "must name at least one sensor"));
         }
-        self.sensors
-            .values()
-            .try_for_each(|sensor| sensor.check(&self.motion))?;
+        for (name, sensor) in &self.sensors {
+            sensor.check(&self.motion)?;
+            if let Some(nuisance) = sensor.nuisance() {
+                return Err(Error::invalid(
+                    &format!("sensor \"{name}\""),
+                    format!("one with the extra states {}", nuisance.labels.join(" ")),
+                    "must have none: the tracker's states are those of the motion alone",
+                ));
+            }
+        }
         if self.max_tracks == 0 {
             return Err(Error::invalid("max_tracks", 0, "must be at least 1"));
         }

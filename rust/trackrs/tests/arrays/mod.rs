@@ -10,6 +10,7 @@ pub(crate) fn settings(rows: &[[f64; 3]], depth_std: Option<f64>) -> RangeArrayS
     RangeArraySettings {
         hydrophones: DMatrix::from_fn(rows.len(), 3, |i, j| rows[i][j]),
         range_std: vec![1.0],
+        survey_std: Vec::new(),
         depth_std,
         sound_speed: None,
         side: None,

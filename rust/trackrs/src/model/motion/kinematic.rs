@@ -114,7 +114,7 @@ fn check(noise: &KinematicNoise, parameter: &str) -> Result<()> {
     Ok(())
 }
 
-fn labels(order: usize, dims: usize) -> Vec<String> {
+pub(super) fn labels(order: usize, dims: usize) -> Vec<String> {
     let axis = |i: usize| match (dims, i) {
         (1..=3, i) => ["x", "y", "z"][i].to_string(),
         _ => format!("x{i}"),

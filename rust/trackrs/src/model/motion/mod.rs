@@ -1,7 +1,10 @@
 //! Motion models. State order is block order: all positions, then all velocities, then accelerations.
 
+mod augmented;
 mod kinematic;
 mod linear;
+mod rigid_body;
+mod singer;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -9,10 +12,14 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::space::StateSpace;
 use crate::error::{Result, require_size};
 
+pub use augmented::Augmented;
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 pub use linear::LinearMotion;
+pub use rigid_body::RigidBody;
+pub use singer::Singer;
 
 /// How a state moves on by `dt` seconds. `dt = 0` must be the identity without noise.
 pub trait Motion: Debug + Send + Sync {
@@ -28,6 +35,10 @@ pub trait Motion: Debug + Send + Sync {
     fn jacobian(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64>;
     /// Q: covariance of the noise gathered in `dt` seconds, n×n.
     fn noise(&self, dt: f64) -> DMatrix<f64>;
+    /// The same where it depends on the state.
+    fn noise_at(&self, _state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.noise(dt)
+    }
     /// Writes f of several states, one after the other in `states`, where they are wanted. What runs and filters call, so
     /// that a model from outside may fail.
     fn propagate_all(&self, states: &[f64], dt: f64, out: &mut [f64]) -> Result<()> {
@@ -58,6 +69,10 @@ pub trait Motion: Debug + Send + Sync {
     fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
         None
     }
+    /// Where the states live: `jacobian`, `noise` and covariances are those of its differences.
+    fn space(&self) -> StateSpace {
+        StateSpace::euclidean(self.state_dim())
+    }
 }
 
 /// How noise of a fixed covariance enters over a step: Q(dt) = Γ (I_r ⊗ C) Γᵀ + rest.
@@ -84,8 +99,14 @@ pub enum MotionModel {
     ConstantVelocity(ConstantVelocity),
     /// See [`ConstantAcceleration`].
     ConstantAcceleration(ConstantAcceleration),
+    /// See [`Singer`].
+    Singer(Singer),
     /// See [`LinearMotion`].
     Linear(LinearMotion),
+    /// See [`RigidBody`].
+    RigidBody(Box<RigidBody>),
+    /// See [`Augmented`].
+    Augmented(Box<Augmented>),
     /// A model from outside the library. It cannot be saved.
     #[serde(skip)]
     Custom(Arc<dyn Motion>),
@@ -97,7 +118,10 @@ impl MotionModel {
             Self::RandomWalk(m) => m,
             Self::ConstantVelocity(m) => m,
             Self::ConstantAcceleration(m) => m,
+            Self::Singer(m) => m,
             Self::Linear(m) => m,
+            Self::RigidBody(m) => m.as_ref(),
+            Self::Augmented(m) => m.as_ref(),
             Self::Custom(m) => m.as_ref(),
         }
     }
@@ -133,5 +157,11 @@ impl Motion for MotionModel {
     }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         self.as_motion().noise_input(dt)
+    }
+    fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
+        self.as_motion().noise_at(state, dt)
+    }
+    fn space(&self) -> StateSpace {
+        self.as_motion().space()
     }
 }

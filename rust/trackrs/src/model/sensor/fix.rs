@@ -5,10 +5,13 @@
 //! | L      | `measurement` | m     | ranges or travel times, perhaps the depth; NaN = not heard |
 //! | B      | rows          | m×d   | ∂h/∂p of the heard components                        |
 //! | R      | std²          | m×m   | their noise, diagonal                                |
-//! | N      | `information` | d×d   | Bᵀ R⁻¹ B                                             |
+//! | E, P_η |               | m×q, q×q | ∂h/∂η of the lasting errors, and their covariance ([`super::nuisance`]) |
+//! | Σ      | `weights`     | m×m   | R + E P_η Eᵀ, with the factor that whitens           |
+//! | N      | `information` | d×d   | Bᵀ Σ⁻¹ B                                             |
 //!
 //! Gauss-Newton with Levenberg's damping λ, which is zero as long as the residuals fall:
-//! (N + λ I tr N/d) dp = Bᵀ R⁻¹ (L − h);  C = N⁻¹;  χ² = (L − h)ᵀ R⁻¹ (L − h) with m − d degrees of freedom.
+//! (N + λ I tr N/d) dp = Bᵀ Σ⁻¹ (L − h);  C = N⁻¹;  χ² = (L − h)ᵀ Σ⁻¹ (L − h) with m − d degrees of freedom.
+//! h has no lasting error in it: their mean is zero. The measured range stands in E for the distance, so that Σ is constant.
 //!
 //! It starts from every closed-form position of the widest pair and the widest triple of heard hydrophones, both mirror
 //! images included. The solution of least χ² counts. If another fits so nearly as well that the data do not decide
@@ -65,14 +68,6 @@ pub struct Fix {
     pub mirror: Option<DVector<f64>>,
 }
 
-/// A sensor of which one measurement can fix a position.
-pub trait PositionFix: Send + Sync {
-    /// The position, or why there is none.
-    fn fix(&self, measurement: &DVector<f64>) -> Result<Fix>;
-    /// `dof` of a fix with every component observed.
-    fn redundancy(&self) -> usize;
-}
-
 struct Solution {
     position: DVector<f64>,
     cov: DMatrix<f64>,
@@ -90,11 +85,12 @@ impl RangeArray {
     /// The position fix of one measurement; `side` decides where mirror images fit as well.
     pub fn fix_on(&self, measurement: &DVector<f64>, side: Option<Side>) -> Result<Fix> {
         let heard = self.heard(measurement)?;
+        let weights = self.weights(measurement, &heard.observed)?;
         let scale = heard.ranges.iter().copied().fold(1.0, f64::max);
         let mut solutions: Vec<Solution> = Vec::new();
         let mut failure = None;
         for start in self.starts(&heard)? {
-            match self.iterate(measurement, &heard.observed, start, scale) {
+            match self.iterate(measurement, &heard.observed, &weights, start, scale) {
                 Ok(new) => {
                     let known = |s: &Solution| (&s.position - &new.position).norm() < SAME * scale;
                     if !solutions.iter().any(known) {
@@ -142,9 +138,22 @@ impl RangeArray {
         depth_known: bool,
         scale: f64,
     ) -> Result<(Solution, Solution)> {
+        let first = self.takes_first(&best.position, &rival.position, side, depth_known, scale)?;
+        Ok(if first { (best, rival) } else { (rival, best) })
+    }
+
+    /// Which of two positions that fit equally well to take; an error if nothing says so.
+    pub(super) fn takes_first(
+        &self,
+        first: &DVector<f64>,
+        second: &DVector<f64>,
+        side: Option<Side>,
+        depth_known: bool,
+        scale: f64,
+    ) -> Result<bool> {
         let axis = if depth_known { 1 } else { self.dims() - 1 };
-        let difference = best.position[axis] - rival.position[axis];
-        let both = format!("{} or {}", show(&best.position), show(&rival.position));
+        let difference = first[axis] - second[axis];
+        let both = format!("{} or {}", show(first), show(second));
         let Some(side) = side else {
             return Err(unobservable(format!(
                 "the fix is ambiguous, mirror images fit equally well: {both}; choose with side = \"above\" or \"below\""
@@ -155,15 +164,38 @@ impl RangeArray {
                 "the fix is ambiguous, mirror images fit equally well: {both}; side cannot tell them apart"
             )));
         }
-        if (difference < 0.0) == (side == Side::Above) {
-            Ok((best, rival))
-        } else {
-            Ok((rival, best))
-        }
+        Ok((difference < 0.0) == (side == Side::Above))
+    }
+
+    /// The factor of Σ of the observed components.
+    fn weights(&self, measurement: &DVector<f64>, observed: &[usize]) -> Result<Cholesky> {
+        let count = observed.len();
+        let scale_std = self.scale_std();
+        let sigma = DMatrix::from_fn(count, count, |a, b| {
+            let (i, j) = (observed[a], observed[b]);
+            let ranges = i < self.channels() && j < self.channels();
+            let common = if ranges {
+                scale_std * scale_std * measurement[i] * measurement[j]
+            } else {
+                0.0
+            };
+            if a != b {
+                return common;
+            }
+            let own = self.std(i);
+            let bias = self.bias_std(i);
+            let bias = if bias > 0.0 {
+                bias / self.metres_per_unit(i, None)
+            } else {
+                0.0
+            };
+            own * own + bias * bias + common
+        });
+        Cholesky::new(&sigma, "covariance of the ranges")
     }
 
     /// Closed-form positions to start from.
-    fn starts(&self, heard: &Heard) -> Result<Vec<DVector<f64>>> {
+    pub(super) fn starts(&self, heard: &Heard) -> Result<Vec<DVector<f64>>> {
         let points: Vec<DVector<f64>> = heard.channels.iter().map(|&i| self.hydrophone(i)).collect();
         let name = |slots: &[usize]| list(&slots.iter().map(|&i| heard.channels[i]).collect::<Vec<_>>());
         let all: Vec<usize> = (0..points.len()).collect();
@@ -209,22 +241,32 @@ impl RangeArray {
         Ok(starts)
     }
 
-    fn normal(&self, measurement: &DVector<f64>, observed: &[usize], position: &DVector<f64>) -> Result<Normal> {
+    fn normal(
+        &self,
+        measurement: &DVector<f64>,
+        observed: &[usize],
+        weights: &Cholesky,
+        position: &DVector<f64>,
+    ) -> Result<Normal> {
         let d = self.dims();
-        let mut normal = Normal {
-            information: DMatrix::zeros(d, d),
-            right: DVector::zeros(d),
-            statistic: 0.0,
-        };
-        for &i in observed {
-            let row = self.row(i, position)?;
-            let residual = (measurement[i] - row.value) / row.std;
-            let gradient = row.gradient / row.std;
-            normal.information += &gradient * gradient.transpose();
-            normal.right += gradient * residual;
-            normal.statistic += residual * residual;
+        let mut rows = DMatrix::zeros(observed.len(), d);
+        let mut residual = DVector::zeros(observed.len());
+        for (slot, &i) in observed.iter().enumerate() {
+            let row = self.row(i, position.as_slice(), &[])?;
+            residual[slot] = measurement[i] - row.value;
+            for j in 0..d {
+                rows[(slot, j)] = row.gradient[j];
+            }
         }
-        Ok(normal)
+        let residual = weights.whiten(&residual);
+        for j in 0..d {
+            rows.set_column(j, &weights.whiten(&rows.column(j).into_owned()));
+        }
+        Ok(Normal {
+            information: rows.transpose() * &rows,
+            right: rows.transpose() * &residual,
+            statistic: residual.norm_squared(),
+        })
     }
 
     /// U11 from one start.
@@ -232,12 +274,13 @@ impl RangeArray {
         &self,
         measurement: &DVector<f64>,
         observed: &[usize],
+        weights: &Cholesky,
         start: DVector<f64>,
         scale: f64,
     ) -> Result<Solution> {
         let d = self.dims();
         let mut position = start;
-        let mut here = self.normal(measurement, observed, &position)?;
+        let mut here = self.normal(measurement, observed, weights, &position)?;
         let mut damping = 0.0_f64;
         let more = |damping: f64| (damping * 10.0).max(1e-3);
         for _ in 0..MAX_ITERATIONS {
@@ -253,7 +296,7 @@ impl RangeArray {
             let right = DMatrix::from_column_slice(d, 1, here.right.as_slice());
             let trial = &position + factor.solve(&right).column(0);
             let short = (&trial - &position).norm() <= TOLERANCE * scale;
-            match self.normal(measurement, observed, &trial) {
+            match self.normal(measurement, observed, weights, &trial) {
                 // A full step as short as this ends it, whatever rounding makes of the statistic.
                 Ok(there) if short && damping == 0.0 => return solution(trial, &there),
                 Ok(there) if there.statistic <= here.statistic + 1e-9 => {

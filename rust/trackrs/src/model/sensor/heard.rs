@@ -25,20 +25,17 @@ pub(super) struct Heard {
 impl RangeArray {
     /// What was heard, with ranges that a position could have.
     pub(super) fn heard(&self, measurement: &DVector<f64>) -> Result<Heard> {
-        require_size("measurement", self.measurement_dim(), measurement.len())?;
-        let observed: Vec<usize> = (0..measurement.len()).filter(|&i| !measurement[i].is_nan()).collect();
-        if let Some(&index) = observed.iter().find(|&&i| measurement[i].is_infinite()) {
-            return Err(Error::NonFinite {
-                what: "measurement".into(),
-                index,
-            });
-        }
+        let heard = self.sorted(measurement)?;
+        self.refuse_absurd(&heard)?;
+        Ok(heard)
+    }
+
+    /// What was heard, enough of it for a position.
+    pub(super) fn sorted(&self, measurement: &DVector<f64>) -> Result<Heard> {
+        self.check_values(measurement)?;
         let depth = measurement.get(self.channels()).copied().filter(|z| !z.is_nan());
+        let observed: Vec<usize> = (0..measurement.len()).filter(|&i| !measurement[i].is_nan()).collect();
         let channels: Vec<usize> = observed.iter().copied().filter(|&i| i < self.channels()).collect();
-        if let Some(&i) = channels.iter().find(|&&i| measurement[i] < 0.0) {
-            let name = format!("measurement of channel {i}");
-            return Err(Error::invalid(&name, measurement[i], "must not be negative"));
-        }
         let needed = if depth.is_some() { self.dims() - 1 } else { self.dims() };
         if channels.len() < needed {
             return Err(unobservable(format!(
@@ -46,7 +43,7 @@ impl RangeArray {
                 channels.len()
             )));
         }
-        let heard = Heard {
+        Ok(Heard {
             ranges: channels
                 .iter()
                 .map(|&i| measurement[i] * self.metres_per_unit(i, depth))
@@ -54,9 +51,23 @@ impl RangeArray {
             observed,
             channels,
             depth,
-        };
-        self.refuse_absurd(&heard)?;
-        Ok(heard)
+        })
+    }
+
+    /// Refuses a measurement of the wrong size, an infinite value or a negative range.
+    pub(super) fn check_values(&self, measurement: &DVector<f64>) -> Result<()> {
+        require_size("measurement", self.measurement_dim(), measurement.len())?;
+        if let Some(index) = measurement.iter().position(|v| v.is_infinite()) {
+            return Err(Error::NonFinite {
+                what: "measurement".into(),
+                index,
+            });
+        }
+        if let Some(i) = (0..self.channels()).find(|&i| measurement[i] < 0.0) {
+            let name = format!("measurement of channel {i}");
+            return Err(Error::invalid(&name, measurement[i], "must not be negative"));
+        }
+        Ok(())
     }
 
     /// Refuses ranges that break the triangle inequality by far, and names the channel that breaks it most often.
@@ -65,7 +76,12 @@ impl RangeArray {
             (Some(speed), None) => speed.spread(),
             _ => 0.0,
         };
-        let std = |slot: usize| self.settings.range_std[heard.channels[slot]];
+        // Lasting errors may be in it as well.
+        let std = |slot: usize| {
+            let (channel, range) = (heard.channels[slot], heard.ranges[slot]);
+            let lasting = libm::hypot(self.bias_std(channel), self.scale_std() * range);
+            libm::hypot(self.range_std(channel), lasting)
+        };
         let count = heard.channels.len();
         let mut broken = vec![0_usize; count];
         for i in 0..count {

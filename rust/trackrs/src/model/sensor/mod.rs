@@ -1,13 +1,22 @@
 //! Sensor models. A sensor knows which of its components are angles; every residual of them wraps.
 
+mod camera;
+mod camera_fix;
+mod camera_start;
 pub mod closed_form;
+mod curvature;
 mod fix;
 mod heard;
 mod linear;
+mod nuisance;
+mod pose;
 mod position;
+mod position_fix;
+mod presets;
 mod range_array;
 mod range_bearing;
 mod sound_speed;
+mod stack;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -15,13 +24,19 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::Motion;
+use super::rotation::vector_between;
+use super::{Motion, space};
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
 
-pub use fix::{Fix, MIRROR_GAP, PositionFix, Side};
+pub use camera::{CameraSensor, Intrinsics};
+pub use curvature::Curvature;
+pub use fix::{Fix, MIRROR_GAP, Side};
 pub use linear::LinearSensor;
+pub use nuisance::Nuisance;
+pub use pose::{AttitudeForm, PoseSensor};
 pub use position::PositionSensor;
+pub use position_fix::{PositionFix, VAGUE};
 pub use range_array::{RangeArray, RangeArraySettings};
 pub use range_bearing::RangeBearing;
 pub use sound_speed::{Slowness, SoundSpeed, SpeedProfile};
@@ -73,6 +88,14 @@ pub trait Sensor: Debug + Send + Sync {
     fn angles(&self) -> &[usize] {
         &[]
     }
+    /// Index of the first of three components that are a rotation vector, where there is one.
+    fn rotation(&self) -> Option<usize> {
+        None
+    }
+    /// Index in the state of the rotation vector that this sensor needs it to have, where it needs one.
+    fn attitude(&self) -> Option<usize> {
+        None
+    }
     /// Whether h is linear, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool {
         false
@@ -89,13 +112,32 @@ pub trait Sensor: Debug + Send + Sync {
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         None
     }
+    /// Errors of the sensor that a filter estimates with the target, as extra components behind the kinematic state.
+    fn nuisance(&self) -> Option<Nuisance> {
+        None
+    }
+    /// What the curvature of h adds where the state is Gaussian; for the second-order filter, where the sensor has it.
+    fn curvature(&self, _prior: &Gaussian) -> Option<Result<Curvature>> {
+        None
+    }
 }
 
-/// z − ẑ with the angles wrapped into (−π, π].
+/// z − ẑ with the angles wrapped into (−π, π], and the rotation that leads from ẑ to z in place of the difference of rotation
+/// vectors. A rotation vector with a NaN was not observed.
 pub fn residual(sensor: &dyn Sensor, measured: &DVector<f64>, predicted: &DVector<f64>) -> DVector<f64> {
     let mut out = measured - predicted;
     for &i in sensor.angles() {
         out[i] = wrap_angle(out[i]);
+    }
+    if let Some(at) = sensor.rotation() {
+        let (z, expected) = (space::block(measured, at), space::block(predicted, at));
+        let turn = if z.iter().all(|v| v.is_finite()) {
+            vector_between(&expected, &z)
+        } else {
+            // An infinite component stays to be refused.
+            z.map(|v| if v.is_infinite() { v } else { f64::NAN })
+        };
+        out.fixed_rows_mut::<3>(at).copy_from(&turn);
     }
     out
 }
@@ -131,6 +173,10 @@ pub enum SensorModel {
     RangeBearing(RangeBearing),
     /// See [`RangeArray`].
     RangeArray(RangeArray),
+    /// See [`PoseSensor`].
+    Pose(PoseSensor),
+    /// See [`CameraSensor`].
+    Camera(CameraSensor),
     /// See [`LinearSensor`].
     Linear(LinearSensor),
     /// A model from outside the library. It cannot be saved.
@@ -144,6 +190,8 @@ impl SensorModel {
             Self::Position(s) => s,
             Self::RangeBearing(s) => s,
             Self::RangeArray(s) => s,
+            Self::Pose(s) => s,
+            Self::Camera(s) => s,
             Self::Linear(s) => s,
             Self::Custom(s) => s.as_ref(),
         }
@@ -184,6 +232,12 @@ impl Sensor for SensorModel {
     fn angles(&self) -> &[usize] {
         self.as_sensor().angles()
     }
+    fn rotation(&self) -> Option<usize> {
+        self.as_sensor().rotation()
+    }
+    fn attitude(&self) -> Option<usize> {
+        self.as_sensor().attitude()
+    }
     fn is_linear(&self) -> bool {
         self.as_sensor().is_linear()
     }
@@ -195,6 +249,12 @@ impl Sensor for SensorModel {
     }
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         self.as_sensor().position_fix()
+    }
+    fn nuisance(&self) -> Option<Nuisance> {
+        self.as_sensor().nuisance()
+    }
+    fn curvature(&self, prior: &Gaussian) -> Option<Result<Curvature>> {
+        self.as_sensor().curvature(prior)
     }
 }
 

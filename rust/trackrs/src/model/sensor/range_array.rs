@@ -4,6 +4,7 @@
 //! |--------|----------------------|-------|-----------------------------------------------------|
 //! | p_i    | `hydrophones`        | k×d   | positions, metres; in 3 dimensions z is depth, positive down |
 //! | σ_i    | `range_std`          | k     | standard deviation of a range, metres               |
+//! | s_i    | `survey_std`         | k     | of the hydrophone's position along the ray, metres  |
 //! | σ_Z    | `depth_std`          |       | standard deviation of the depth, metres             |
 //! | s̄_i    | [`SoundSpeed`]       |       | mean slowness of the ray, s/m, for travel times     |
 //!
@@ -11,17 +12,26 @@
 //! travel times (seconds), when a sound speed is given:  T_i = h_i s̄_i,  ∂T_i/∂x = s̄_i ∂h_i/∂x + h_i ∂s̄_i/∂z e_zᵀ,
 //! with standard deviation σ_i / c, c the effective speed or, of a profile, the speed at the hydrophone.
 //!
+//! A hydrophone that is out of place by δ shifts the range by −(∂h/∂x) δ. `survey_std` counts that as white noise: σ_i² + s_i²
+//! stands for σ_i². It keeps such a range from being taken for a gross error and gives it less weight; but the shift is
+//! the same at every epoch and does not average out as white noise would, so that covariances are too small after many.
+//!
+//! With lasting errors η declared ([`super::nuisance`]) the range is (1 + s) |x − p_i| + b_i in all of this:
+//! ∂h_i/∂x = (1 + s) (x − p_i)ᵀ/|x − p_i|,  ∂h_i/∂b_i = 1,  ∂h_i/∂s = |x − p_i|, each times the slowness for a travel time.
+//! They are the last components of the state. A state that is a position alone has none of them.
+//!
 //! NaN = not heard. A target on a hydrophone has no derivative: an error that names the channel.
 //! Reference: paper of Xi, Liu, Tao, Lu, measurement equations; spec label U5.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::closed_form::{COLLINEAR, widest};
-use super::fix::{Fix, PositionFix, Side};
+use super::fix::Side;
+use super::nuisance::{Nuisance, RangeBias, RangeScale};
+use super::position_fix::PositionFix;
 use super::sound_speed::SoundSpeed;
-use super::{Motion, Sensor};
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use super::{Curvature, Motion, Sensor};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_positive, require_size};
 use crate::gaussian::Gaussian;
 
 /// What a [`RangeArray`] is made of.
@@ -32,6 +42,9 @@ pub struct RangeArraySettings {
     pub hydrophones: DMatrix<f64>,
     /// Standard deviations of the ranges, metres: one for all, or one per channel.
     pub range_std: Vec<f64>,
+    /// Standard deviations of the surveyed positions along the ray, metres: none, one for all, or one per channel.
+    #[serde(default)]
+    pub survey_std: Vec<f64>,
     /// Standard deviation of the depth that comes last in the measurement, metres, where there is one.
     pub depth_std: Option<f64>,
     /// Measurements are travel times in seconds if this is given, else ranges in metres.
@@ -44,13 +57,18 @@ pub struct RangeArraySettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RangeArray {
     pub(super) settings: RangeArraySettings,
+    pub(super) bias: Option<RangeBias>,
+    pub(super) scale: Option<RangeScale>,
 }
 
-/// One expected component of a measurement, its gradient on the position, and its standard deviation.
+/// One expected component of a measurement and its derivatives.
 pub(super) struct Row {
     pub(super) value: f64,
-    pub(super) gradient: DVector<f64>,
-    pub(super) std: f64,
+    /// On the position; the first d count.
+    pub(super) gradient: [f64; 3],
+    /// On the channel's bias and on the scale error.
+    pub(super) by_bias: f64,
+    pub(super) by_scale: f64,
 }
 
 impl RangeArray {
@@ -75,6 +93,15 @@ impl RangeArray {
         for &std in &settings.range_std {
             require_positive("range_std", std)?;
         }
+        if settings.survey_std.len() == 1 {
+            settings.survey_std = vec![settings.survey_std[0]; channels];
+        }
+        if !settings.survey_std.is_empty() {
+            require_size("survey_std", channels, settings.survey_std.len())?;
+        }
+        for &std in &settings.survey_std {
+            require_non_negative("survey_std", std)?;
+        }
         if let Some(std) = settings.depth_std {
             require_positive("depth_std", std)?;
             if dims < 3 {
@@ -85,66 +112,16 @@ impl RangeArray {
         if let Some(speed) = &settings.sound_speed {
             speed.check(channels, dims)?;
         }
-        Ok(Self { settings })
+        Ok(Self {
+            settings,
+            bias: None,
+            scale: None,
+        })
     }
 
-    /// Three hydrophones and the target's depth.
-    pub fn bats(
-        hydrophones: DMatrix<f64>,
-        range_std: f64,
-        depth_std: f64,
-        sound_speed: Option<SoundSpeed>,
-    ) -> Result<Self> {
-        let settings = RangeArraySettings {
-            hydrophones,
-            range_std: vec![range_std],
-            depth_std: Some(depth_std),
-            sound_speed,
-            side: None,
-        };
-        Self::new(settings)?.require_bats()
-    }
-
-    /// Six hydrophones on the sea floor and no depth. They lie almost in one plane: `side` says where the target is.
-    pub fn toss(
-        hydrophones: DMatrix<f64>,
-        range_std: f64,
-        sound_speed: Option<SoundSpeed>,
-        side: Side,
-    ) -> Result<Self> {
-        let settings = RangeArraySettings {
-            hydrophones,
-            range_std: vec![range_std],
-            depth_std: None,
-            sound_speed,
-            side: Some(side),
-        };
-        Self::new(settings)?.require_toss()
-    }
-
-    /// The array itself if it is three hydrophones, not collinear in plan, with depth.
-    pub fn require_bats(self) -> Result<Self> {
-        require_size("hydrophones of a BATS array", 3, self.channels())?;
-        require_size("measurement of a BATS array", 4, self.measurement_dim())?;
-        self.require_spread(2, "must not be collinear in plan")
-    }
-
-    /// The array itself if it is six hydrophones in 3 dimensions, not collinear, without depth.
-    pub fn require_toss(self) -> Result<Self> {
-        require_size("hydrophones of a TOSS array", 6, self.channels())?;
-        require_size("dimensions of hydrophones", 3, self.dims())?;
-        require_size("measurement of a TOSS array", 6, self.measurement_dim())?;
-        self.require_spread(3, "must not be collinear")
-    }
-
-    fn require_spread(self, dims: usize, requirement: &str) -> Result<Self> {
-        let points: Vec<DVector<f64>> = (0..self.channels())
-            .map(|i| self.hydrophone(i).rows(0, dims).into_owned())
-            .collect();
-        match widest(&points, COLLINEAR) {
-            Some(triple) if triple.third.is_some() => Ok(self),
-            _ => Err(Error::invalid("hydrophones", "given", requirement)),
-        }
+    /// What it is made of: standard deviations one per channel.
+    pub fn settings(&self) -> &RangeArraySettings {
+        &self.settings
     }
 
     /// Number k of hydrophones.
@@ -162,57 +139,81 @@ impl RangeArray {
         self.settings.hydrophones.row(i).transpose()
     }
 
-    /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position.
-    pub(super) fn row(&self, channel: usize, position: &DVector<f64>) -> Result<Row> {
-        let mut gradient = DVector::zeros(self.dims());
-        Ok(Row {
-            value: self.row_into(channel, position.as_slice(), gradient.as_mut_slice())?,
-            gradient,
-            std: self.std(channel),
-        })
-    }
-
-    /// The expected value of a component; its gradient goes into the leading elements of `row`, which is zero.
-    fn row_into(&self, channel: usize, position: &[f64], row: &mut [f64]) -> Result<f64> {
-        let last = self.dims() - 1;
+    /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position, with
+    /// these lasting errors (all of them, or none).
+    pub(super) fn row(&self, channel: usize, position: &[f64], nuisance: &[f64]) -> Result<Row> {
+        let dims = self.dims();
+        let mut gradient = [0.0; 3];
         if channel == self.channels() {
-            row[last] = 1.0;
-            return Ok(position[last]);
+            gradient[dims - 1] = 1.0;
+            return Ok(Row {
+                value: position[dims - 1],
+                gradient,
+                by_bias: 0.0,
+                by_scale: 0.0,
+            });
         }
-        let hydrophone = |axis: usize| self.settings.hydrophones[(channel, axis)];
         let mut square = 0.0;
-        for (axis, &x) in position.iter().enumerate() {
-            row[axis] = x - hydrophone(axis);
-            square += row[axis] * row[axis];
+        for i in 0..dims {
+            gradient[i] = position[i] - self.settings.hydrophones[(channel, i)];
+            square += gradient[i] * gradient[i];
         }
-        let range = square.sqrt();
-        if range == 0.0 {
+        let distance = square.sqrt();
+        if distance == 0.0 {
             return Err(Error::Unobservable {
                 sensor: "RangeArray".into(),
                 reason: format!("the target stands on the hydrophone of channel {channel}"),
             });
         }
-        let Some(speed) = &self.settings.sound_speed else {
-            row[..=last].iter_mut().for_each(|g| *g /= range);
-            return Ok(range);
+        let error = self.error_of(channel, nuisance);
+        let range = (1.0 + error.scale) * distance + error.bias;
+        for slope in &mut gradient {
+            *slope *= (1.0 + error.scale) / distance;
+        }
+        let mut row = Row {
+            value: range,
+            gradient,
+            by_bias: 1.0,
+            by_scale: distance,
         };
-        let slowness = speed.slowness(channel, position[last], hydrophone(last));
-        row[..=last].iter_mut().for_each(|g| *g = *g / range * slowness.mean);
-        row[last] += range * slowness.slope;
-        Ok(range * slowness.mean)
+        if let Some(speed) = &self.settings.sound_speed {
+            let own = self.settings.hydrophones[(channel, dims - 1)];
+            let slowness = speed.slowness(channel, position[dims - 1], own);
+            row.value *= slowness.mean;
+            row.gradient.iter_mut().for_each(|slope| *slope *= slowness.mean);
+            row.gradient[dims - 1] += range * slowness.slope;
+            row.by_bias = slowness.mean;
+            row.by_scale *= slowness.mean;
+        }
+        Ok(row)
     }
 
     /// Standard deviation of a component, in the unit of the measurement.
-    fn std(&self, channel: usize) -> f64 {
-        match self.settings.range_std.get(channel) {
-            Some(&std) => std / self.metres_per_unit(channel, None),
-            None => self.settings.depth_std.unwrap_or(f64::NAN),
+    pub(super) fn std(&self, channel: usize) -> f64 {
+        if channel < self.channels() {
+            self.range_std(channel) / self.metres_per_unit(channel, None)
+        } else {
+            self.settings.depth_std.unwrap_or(f64::NAN)
         }
+    }
+
+    /// √(σ_i² + s_i²), metres.
+    pub(super) fn range_std(&self, channel: usize) -> f64 {
+        let std = self.settings.range_std[channel];
+        match self.survey_std(channel) {
+            0.0 => std,
+            survey => libm::hypot(std, survey),
+        }
+    }
+
+    /// s_i, metres; zero where none is given.
+    pub(super) fn survey_std(&self, channel: usize) -> f64 {
+        self.settings.survey_std.get(channel).copied().unwrap_or(0.0)
     }
 
     /// How many metres of range one unit of the measurement is: 1, or the effective speed for this depth of the target
     /// (that at the hydrophone where it is not known).
-    pub(super) fn metres_per_unit(&self, channel: usize, depth: Option<f64>) -> f64 {
+    pub(crate) fn metres_per_unit(&self, channel: usize, depth: Option<f64>) -> f64 {
         let Some(speed) = &self.settings.sound_speed else {
             return 1.0;
         };
@@ -241,23 +242,18 @@ impl Sensor for RangeArray {
         require_size("position of the motion model", self.dims(), motion.position_dims())
     }
     fn observe(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DVector<f64>> {
-        let position = self.position_of(state)?;
+        let state = self.parts(state)?;
         let mut out = DVector::zeros(self.measurement_dim());
         for i in 0..out.len() {
-            out[i] = self.row(i, &position)?.value;
+            out[i] = self.row(i, state.position, state.nuisance)?.value;
         }
         Ok(out)
     }
-    fn jacobian(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
-        let position = self.position_of(state)?;
-        let mut out = DMatrix::zeros(self.measurement_dim(), state.len());
-        for i in 0..out.nrows() {
-            let gradient = self.row(i, &position)?.gradient;
-            for (j, &g) in gradient.iter().enumerate() {
-                out[(i, j)] = g;
-            }
-        }
-        Ok(out)
+    fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
+        let (m, n) = (self.measurement_dim(), state.len());
+        let (mut expected, mut jacobian) = (vec![0.0; m], vec![0.0; m * n]);
+        self.linearise_into(state, platform, &mut expected, &mut jacobian)?;
+        Ok(DMatrix::from_row_slice(m, n, &jacobian))
     }
     fn linearise_into(
         &self,
@@ -266,24 +262,29 @@ impl Sensor for RangeArray {
         expected: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<()> {
-        let (n, dims) = (state.len(), self.dims());
-        if n < dims {
-            return Err(Error::dimension("state", dims, n));
-        }
-        let position = &state.as_slice()[..dims];
+        let n = state.len();
+        let state = self.parts(state)?;
+        let first = n - state.nuisance.len();
         jacobian.fill(0.0);
-        for (channel, (value, row)) in expected.iter_mut().zip(jacobian.chunks_exact_mut(n)).enumerate() {
-            *value = self.row_into(channel, position, row)?;
+        for (i, out) in jacobian.chunks_exact_mut(n).enumerate() {
+            let row = self.row(i, state.position, state.nuisance)?;
+            expected[i] = row.value;
+            out[..self.dims()].copy_from_slice(&row.gradient[..self.dims()]);
+            if state.nuisance.is_empty() || i == self.channels() {
+                continue;
+            }
+            if self.bias.is_some() {
+                out[first + i] = row.by_bias;
+            }
+            if let Some(index) = self.scale_index() {
+                out[first + index] = row.by_scale;
+            }
         }
         Ok(())
     }
     fn noise(&self) -> DMatrix<f64> {
-        let m = self.measurement_dim();
-        let variance = |i| {
-            let std: f64 = self.std(i);
-            std * std
-        };
-        DMatrix::from_diagonal(&DVector::from_iterator(m, (0..m).map(variance)))
+        let std = DVector::from_fn(self.measurement_dim(), |i, _| self.std(i));
+        DMatrix::from_diagonal(&std.component_mul(&std))
     }
     fn locate(&self, measurement: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Option<Gaussian> {
         self.fix_on(measurement, self.settings.side)
@@ -293,23 +294,33 @@ impl Sensor for RangeArray {
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         Some(self)
     }
+    fn nuisance(&self) -> Option<Nuisance> {
+        self.declared()
+    }
+    fn curvature(&self, prior: &Gaussian) -> Option<Result<Curvature>> {
+        Some(self.curved(prior))
+    }
+}
+
+/// The parts of a state that a range depends on.
+pub(super) struct Parts<'a> {
+    pub(super) position: &'a [f64],
+    /// All lasting errors, or none.
+    pub(super) nuisance: &'a [f64],
 }
 
 impl RangeArray {
-    fn position_of(&self, state: &DVector<f64>) -> Result<DVector<f64>> {
-        if state.len() < self.dims() {
-            return Err(Error::dimension("state", self.dims(), state.len()));
+    pub(super) fn parts<'a>(&self, state: &'a DVector<f64>) -> Result<Parts<'a>> {
+        let (d, q) = (self.dims(), self.nuisance_dim());
+        let all = state.as_slice();
+        if all.len() != d && all.len() < d + q {
+            return Err(Error::dimension("state", d + q, all.len()));
         }
-        Ok(state.rows(0, self.dims()).into_owned())
-    }
-}
-
-impl PositionFix for RangeArray {
-    fn fix(&self, measurement: &DVector<f64>) -> Result<Fix> {
-        self.fix_on(measurement, self.settings.side)
-    }
-    fn redundancy(&self) -> usize {
-        self.measurement_dim().saturating_sub(self.dims())
+        let errors = if all.len() == d { 0 } else { q };
+        Ok(Parts {
+            position: &all[..d],
+            nuisance: &all[all.len() - errors..],
+        })
     }
 }
 
@@ -321,6 +332,7 @@ mod tests {
         RangeArraySettings {
             hydrophones: DMatrix::from_row_slice(3, 3, &[0.0, 0.0, 250.0, 1000.0, 0.0, 252.0, 500.0, 866.0, 248.0]),
             range_std: vec![1.0],
+            survey_std: Vec::new(),
             depth_std: Some(0.3),
             sound_speed: None,
             side: None,
@@ -343,7 +355,9 @@ mod tests {
     #[test]
     fn bad_settings_are_refused_by_name() {
         type Change = fn(&mut RangeArraySettings);
-        let changes: [(&str, Change); 6] = [
+        let changes: [(&str, Change); 8] = [
+            ("survey_std", |s| s.survey_std = vec![1.0, 2.0]),
+            ("survey_std", |s| s.survey_std = vec![-1.0]),
             ("range_std", |s| s.range_std = vec![1.0, 2.0]),
             ("range_std", |s| s.range_std = vec![0.0]),
             ("depth_std", |s| s.depth_std = Some(-1.0)),

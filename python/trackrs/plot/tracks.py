@@ -1,16 +1,13 @@
-"""Pictures of tracks. Needs matplotlib: `pip install "trackrs[plot]"`.
-
-Figures are drawn without pyplot, so that nothing global is touched: save one with `figure.savefig("tracks.png")`.
-"""
+"""Tracks from above."""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trackrs.plot._figure import COLOURS, TRUTH_COLOUR, draw_ellipses, new_figure, tidy
 from trackrs.sensor import PositionSensor, RangeBearing
 
 if TYPE_CHECKING:
@@ -25,15 +22,11 @@ if TYPE_CHECKING:
     from trackrs.sensor import Sensor
     from trackrs.types import Scan, Tracks
 
-# Distinct on white, in print and for colour-blind readers (Okabe and Ito's order, without yellow and black).
-TRACK_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7B3294", "#8C510A")
 DETECTION_STYLES = (("o", "#8A8A8A"), ("+", "#B08D57"), ("x", "#7D9AAA"), ("^", "#A58AA8"))
-TRUTH_COLOUR = "#000000"
 OWN_SHIP_COLOUR = "#5A5A5A"
 FILLED = "o^"  # markers with a face
 WIDTH = 6.0  # of the picture without its legend, inches
 MARGIN = 0.1  # around everything, inches
-DPI = 150
 
 
 def detection_positions(scans: Iterable[Scan], sensors: Mapping[str, Sensor]) -> dict[str, FloatArray]:
@@ -93,7 +86,7 @@ def plot_tracks(
         ImportError: matplotlib is not installed; the message says how to.
     """
     own = ax is None
-    ax = _new_axes() if ax is None else ax
+    ax = new_figure().add_subplot() if ax is None else ax
     right, up = (1, 0) if swap_axes else (0, 1)
     path = None if own_ship is None else np.asarray(own_ship, dtype=np.float64)
 
@@ -108,7 +101,7 @@ def plot_tracks(
             )
         else:
             ax.scatter(xy[:, right], xy[:, up], 12, marker=marker, color=colour, label=name, **style)
-    for colour, number in zip(cycle(TRACK_COLOURS), np.unique(tracks.ids), strict=False):
+    for colour, number in zip(cycle(COLOURS), np.unique(tracks.ids), strict=False):
         _draw_track(ax, tracks, np.flatnonzero(tracks.ids == number), colour, right, up)
     for k, target in enumerate(truth):
         x, y = target.positions[:, right], target.positions[:, up]
@@ -131,44 +124,14 @@ def plot_tracks(
     return figure  # type: ignore[no-any-return]
 
 
-def require_matplotlib() -> None:
-    """Do nothing if matplotlib is installed.
-
-    Raises:
-        ImportError: it is not; the message says how to install it.
-    """
-    if find_spec("matplotlib") is None:
-        raise ImportError('pictures need matplotlib: pip install "trackrs[plot]"', name="matplotlib")
-
-
-def _new_axes() -> Axes:
-    require_matplotlib()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (only pictures need it)
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    figure = Figure(dpi=DPI)
-    FigureCanvasAgg(figure)
-    return figure.add_subplot()
-
-
 def _draw_track(ax: Axes, tracks: Tracks, rows: IntArray, colour: str, right: int, up: int) -> None:
     """Line, ellipses that do not overlap, and the id where the track ends."""
-    from matplotlib.patches import Ellipse  # noqa: PLC0415
     from matplotlib.patheffects import withStroke  # noqa: PLC0415
 
     xy = tracks.means[rows][:, [right, up]]
     covs = tracks.covs[rows][:, [right, up]][:, :, [right, up]]
     ax.plot(xy[:, 0], xy[:, 1], color=colour, linewidth=1.6, zorder=5)
-    drawn, reach, spacing = None, 0.0, 0.035 * float(np.ptp(ax.get_xlim()))
-    for centre, cov in zip(xy[::-1], covs[::-1], strict=True):
-        variances, axes = np.linalg.eigh(cov)
-        semi = 2.0 * np.sqrt(np.maximum(variances, 0.0))
-        if drawn is not None and np.hypot(*(centre - drawn)) < max(reach + semi[1], spacing):
-            continue
-        drawn, reach = centre, semi[1]
-        angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
-        style: dict[str, Any] = {"facecolor": (colour, 0.18), "edgecolor": (colour, 0.7), "linewidth": 0.7}
-        ax.add_patch(Ellipse((centre[0], centre[1]), 2 * semi[1], 2 * semi[0], angle=angle, zorder=3, **style))
+    draw_ellipses(ax, xy, covs, colour, spacing=0.035 * float(np.ptp(ax.get_xlim())))
     heading = xy[-1] - xy[max(len(xy) - 5, 0)]
     length = float(np.hypot(*heading))
     offset = 9.0 * heading / length if length > 0 else np.array([7.0, 7.0])
@@ -239,7 +202,7 @@ def _decorate(ax: Axes) -> None:
     """Grid, and a legend beside the picture."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
-    colour = TRACK_COLOURS[0]
+    colour = COLOURS[0]
     handles, names = ax.get_legend_handles_labels()
     handles += [
         Line2D([], [], color=colour, linewidth=1.6),
@@ -256,10 +219,7 @@ def _decorate(ax: Axes) -> None:
         fontsize=8,
         markerscale=1.4,
     )
-    ax.grid(color="#E3E3E3", linewidth=0.5, zorder=0)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
+    tidy(ax)
 
 
 def _fit(figure: Figure, ax: Axes) -> None:

@@ -1,0 +1,132 @@
+//! Scenarios.
+
+use nalgebra::DMatrix;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use trackrs::Error;
+use trackrs::model::{Sensor as _, SensorModel};
+use trackrs::sim::course::{Course, Leg};
+use trackrs::sim::underwater::{self, Truth, UnderwaterSettings, bats_hydrophones, toss_hydrophones};
+
+use crate::array;
+use crate::error::compute;
+use crate::model::Sensor;
+
+#[pyclass(frozen, module = "trackrs._trackrs")]
+pub(crate) struct Underwater {
+    core: underwater::Underwater,
+}
+
+/// What a run recorded.
+#[derive(IntoPyObject)]
+pub(crate) struct Recording<'py> {
+    values: Bound<'py, PyArray2<f64>>,
+    gross: Bound<'py, PyArray2<bool>>,
+    truth: Bound<'py, PyArray2<f64>>,
+}
+
+/// Where a vessel goes; duration, turn rate and sink rate of each leg.
+#[derive(FromPyObject, IntoPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct CourseItems {
+    start: [f64; 3],
+    heading: f64,
+    speed: f64,
+    ramp: f64,
+    legs: Vec<(f64, f64, f64)>,
+}
+
+#[pymethods]
+impl Underwater {
+    #[allow(clippy::too_many_arguments)]
+    #[staticmethod]
+    #[pyo3(signature = (array, course, dt, gross, missing, jerk_std=None))]
+    fn make(
+        py: Python<'_>,
+        array: &Sensor,
+        course: CourseItems,
+        dt: f64,
+        gross: f64,
+        missing: f64,
+        jerk_std: Option<f64>,
+    ) -> PyResult<Self> {
+        let leg = |(duration, turn_rate, sink_rate)| Leg {
+            duration,
+            turn_rate,
+            sink_rate,
+        };
+        let course = Course {
+            start: course.start,
+            heading: course.heading,
+            speed: course.speed,
+            ramp: course.ramp,
+            legs: course.legs.into_iter().map(leg).collect(),
+        };
+        let core = compute(py, || {
+            let SensorModel::RangeArray(array) = &array.model else {
+                return Err(Error::invalid("array", "another sensor", "must be a RangeArray"));
+            };
+            underwater::Underwater::new(UnderwaterSettings {
+                array: array.clone(),
+                course,
+                truth: jerk_std.map_or(Truth::Course, |jerk_std| Truth::Drawn { jerk_std }),
+                dt,
+                gross,
+                missing,
+            })
+        })?;
+        Ok(Self { core })
+    }
+
+    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.core.times())
+    }
+
+    /// Without rows where every run has its own.
+    fn truth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        match self.core.truth() {
+            Some(truth) => array::from_matrix(py, &truth.states),
+            None => array::from_matrix(py, &DMatrix::zeros(0, 9)),
+        }
+    }
+
+    fn draw<'py>(&self, py: Python<'py>, seed: u64, run: u64) -> PyResult<Recording<'py>> {
+        let out = compute(py, || self.core.draw(seed, run))?;
+        let m = self.core.array().measurement_dim();
+        let gross = PyArray1::from_vec(py, out.gross.concat()).reshape([out.gross.len(), m])?;
+        Ok(Recording {
+            values: array::from_rows(py, out.values.iter(), m)?,
+            gross,
+            truth: array::from_matrix(py, &out.truth.states)?,
+        })
+    }
+}
+
+/// The course of the reference scenario.
+#[pyfunction]
+pub(crate) fn reference_course() -> CourseItems {
+    let course = Course::default();
+    let leg = |leg: &Leg| (leg.duration, leg.turn_rate, leg.sink_rate);
+    CourseItems {
+        start: course.start,
+        heading: course.heading,
+        speed: course.speed,
+        ramp: course.ramp,
+        legs: course.legs.iter().map(leg).collect(),
+    }
+}
+
+/// The hydrophones of the reference arrays.
+#[derive(IntoPyObject)]
+pub(crate) struct Hydrophones<'py> {
+    bats: Bound<'py, PyArray2<f64>>,
+    toss: Bound<'py, PyArray2<f64>>,
+}
+
+#[pyfunction]
+pub(crate) fn reference_hydrophones(py: Python<'_>) -> PyResult<Hydrophones<'_>> {
+    Ok(Hydrophones {
+        bats: array::from_matrix(py, &bats_hydrophones())?,
+        toss: array::from_matrix(py, &toss_hydrophones())?,
+    })
+}

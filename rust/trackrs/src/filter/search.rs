@@ -1,0 +1,395 @@
+//! Looking for a start: how a filter begins without being told where.
+//!
+//! A run starts at the third of three consecutive measurements whose fixes all pass the test of their redundancy. Where the
+//! sensor has lasting errors ([`crate::model::sensor::Nuisance`]), which are common to the three, the state is fitted to all
+//! three together (`filter::window`), so that the covariance of position, velocity and errors is exact to first order. A
+//! test that lasting errors of an unlikely size fail, they fail again and again: with such the level is α², so that it is
+//! not one run in a hundred that never starts.
+//!
+//! Where single measurements cannot fix a position, as ranges that come one at a time, consecutive ones are gathered until
+//! their components together would do; three such groups are fitted together, every measurement at its own time, and the
+//! fit is tested by its redundancy. If it fails, the oldest group is dropped. A group holds at most [`GROUP_ROWS`].
+//! Reference: paper of Xi, Liu, Tao, Lu; spec label U12 and first-epoch condition.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::fit::{Fitted, Row, Window};
+use super::sequence::InitialState;
+use super::start::{TimedFix, start_state};
+use crate::error::{Error, Result};
+use crate::gaussian::Gaussian;
+use crate::model::sensor::{MIRROR_GAP, PositionFix};
+use crate::model::{Motion, Sensor};
+use crate::stats::chi_square;
+
+/// Fixes in a row that must pass before a run starts.
+const CONSECUTIVE: usize = 3;
+/// Level of the test of each of them: one good fix in a hundred delays the start.
+pub const START_ALPHA: f64 = 0.01;
+/// Measurements that are gathered for one group; the oldest make room. It bounds the work per measurement.
+pub const GROUP_ROWS: usize = 16;
+/// Two fits closer than this share of their standard deviations are one.
+const SAME: f64 = 1e-2;
+
+/// Where a run starts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Row of the measurement at whose time the state holds, counted in what was last searched.
+    pub row: usize,
+    /// The state, with that measurement in it.
+    pub initial: InitialState,
+}
+
+/// Looks through measurements for the first from which a run can start.
+#[derive(Clone)]
+pub struct Starter<'a> {
+    motion: &'a dyn Motion,
+    sensor: &'a dyn Sensor,
+    fixer: &'a dyn PositionFix,
+    order: usize,
+    alpha: f64,
+    /// What is known of the lasting errors, where the sensor has such.
+    prior: Option<Gaussian>,
+    /// Either all of one measurement with a fix, or all gathered; only the last may be unfinished.
+    groups: Vec<Group>,
+    /// The known input of measurements without any component since the last row.
+    carried: Option<Carried>,
+    refused: Option<Error>,
+}
+
+/// Known inputs gathered until a time.
+#[derive(Debug, Clone)]
+struct Carried {
+    time: f64,
+    input: DVector<f64>,
+}
+
+/// Measurements that together can fix a position.
+#[derive(Debug, Clone, Default)]
+struct Group {
+    rows: Vec<Row>,
+    /// The fix of a single one, tested.
+    fix: Option<Gaussian>,
+    complete: bool,
+}
+
+impl Group {
+    /// The mean of every component over the measurements that have it.
+    fn gathered(&self, components: usize) -> DVector<f64> {
+        DVector::from_fn(components, |i, _| {
+            let heard: Vec<f64> = self
+                .rows
+                .iter()
+                .map(|row| row.measurement[i])
+                .filter(|v| !v.is_nan())
+                .collect();
+            heard.iter().sum::<f64>() / heard.len() as f64
+        })
+    }
+}
+
+impl<'a> Starter<'a> {
+    /// A search with fixes tested at level `alpha`; an error if these models cannot start a state.
+    pub fn new(motion: &'a dyn Motion, sensor: &'a dyn Sensor, alpha: f64) -> Result<Self> {
+        let missing = |why: &str| Err(Error::invalid("initial", "missing", why));
+        let Some(fixer) = sensor.position_fix() else {
+            return missing("must be given: the sensor alone cannot start a state");
+        };
+        let nuisance = sensor.nuisance();
+        let Some(order) = kinematic_order(motion, nuisance.as_ref().map_or(&[], |n| n.labels.as_slice())) else {
+            return missing("must be given: only a state of position, velocity and acceleration starts by itself");
+        };
+        crate::error::require_probability("alpha", alpha)?;
+        let alpha = if nuisance.is_some() { alpha * alpha } else { alpha };
+        Ok(Self {
+            motion,
+            sensor,
+            fixer,
+            order,
+            alpha,
+            prior: nuisance.map(|n| n.prior()),
+            groups: Vec::new(),
+            carried: None,
+            refused: None,
+        })
+    }
+
+    /// The same search where the lasting errors, the last components of `state`, are known as well as there.
+    #[must_use]
+    pub fn with_errors_of(mut self, state: &Gaussian) -> Self {
+        if let Some(prior) = &mut self.prior {
+            let (q, n) = (prior.dim(), state.dim());
+            prior.mean.copy_from(&state.mean.rows(n - q, q));
+            prior.cov.copy_from(&state.cov.view((n - q, n - q), (q, q)));
+        }
+        self
+    }
+
+    /// The first start in these measurements, which follow those searched before. `inputs`, where given, are one vector
+    /// per measurement, added to the state predicted to its time.
+    pub fn search(
+        &mut self,
+        times: &[f64],
+        measurements: &[DVector<f64>],
+        inputs: Option<&[DVector<f64>]>,
+    ) -> Result<Option<Start>> {
+        for (row, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
+            let input = inputs.and_then(|inputs| inputs.get(row));
+            if let Some(initial) = self.push(time, measurement, input)? {
+                return Ok(Some(Start { row, initial }));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The start that this measurement, which follows those searched before, makes possible.
+    pub fn push(
+        &mut self,
+        time: f64,
+        measurement: &DVector<f64>,
+        input: Option<&DVector<f64>>,
+    ) -> Result<Option<InitialState>> {
+        let input = self.carry(time, input);
+        match self.take(time, measurement, input) {
+            Ok(()) => {}
+            // An infinite number is a fault of the caller, not of the sea.
+            Err(error @ (Error::NonFinite { .. } | Error::DimensionMismatch { .. })) => return Err(error),
+            Err(error) => {
+                self.groups.clear();
+                self.refused.get_or_insert(error);
+            }
+        }
+        if self.groups.iter().filter(|group| group.complete).count() < CONSECUTIVE {
+            return Ok(None);
+        }
+        let rows = || self.groups.iter().flat_map(|group| &group.rows);
+        let pushed = self.prior.is_some() || rows().skip(1).any(Row::is_pushed);
+        let fixes: Option<Vec<TimedFix>> = self.groups[CONSECUTIVE - self.order..]
+            .iter()
+            .map(|group| {
+                let (time, position) = (group.rows.last()?.time, group.fix.clone()?);
+                Some(TimedFix { time, position })
+            })
+            .collect();
+        match fixes {
+            Some(fixes) if !pushed => start_state(&fixes, self.order, Some(self.motion)).map(Some),
+            _ => match self.fit() {
+                Ok(state) => Ok(Some(InitialState { time, state })),
+                Err(error) => {
+                    self.groups.remove(0);
+                    self.refused.get_or_insert(error);
+                    Ok(None)
+                }
+            },
+        }
+    }
+
+    /// The known input since the last row with components.
+    fn carry(&mut self, time: f64, input: Option<&DVector<f64>>) -> Option<DVector<f64>> {
+        let before = self.carried.take();
+        let input = input?;
+        // Lasting errors have no input.
+        let missing = self.motion.state_dim().saturating_sub(input.len());
+        let input = input.clone().insert_rows(input.len(), missing, 0.0);
+        Some(match before {
+            Some(Carried { time: then, input: sum }) => self.motion.jacobian(&sum, time - then) * &sum + input,
+            None => input,
+        })
+    }
+
+    /// Adds a measurement to the groups; an error breaks the sequence.
+    fn take(&mut self, time: f64, measurement: &DVector<f64>, input: Option<DVector<f64>>) -> Result<()> {
+        self.fixer.check_values(measurement)?;
+        if measurement.iter().all(|v| v.is_nan()) {
+            self.carried = input.clone().map(|input| Carried { time, input });
+        }
+        let row = Row {
+            time,
+            measurement: measurement.clone(),
+            input,
+        };
+        if self.fixer.sufficient(measurement.as_slice()) {
+            let fix = Some(self.tested(measurement)?);
+            let repeated = |group: &Group| group.fix.is_none() || group.rows.last().is_some_and(|row| row.time == time);
+            if self.groups.last().is_some_and(repeated) {
+                self.groups.clear();
+            }
+            self.groups.push(Group {
+                rows: vec![row],
+                fix,
+                complete: true,
+            });
+            return Ok(());
+        }
+        // Too little for a fix of its own: why is worth saying if nothing starts.
+        if let Err(error) = self.tested(measurement) {
+            self.refused.get_or_insert(error);
+        }
+        if self.groups.iter().any(|group| group.fix.is_some()) {
+            self.groups.clear();
+        }
+        if measurement.iter().all(|v| v.is_nan()) {
+            return Ok(());
+        }
+        if self.groups.last().is_none_or(|group| group.complete) {
+            self.groups.push(Group::default());
+        }
+        if let Some(group) = self.groups.last_mut() {
+            if group.rows.len() == GROUP_ROWS {
+                group.rows.remove(0);
+            }
+            group.rows.push(row);
+            group.complete = self.fixer.sufficient(group.gathered(measurement.len()).as_slice());
+        }
+        Ok(())
+    }
+
+    /// The state fitted to all groups, tested.
+    fn fit(&self) -> Result<Gaussian> {
+        let nothing = Gaussian {
+            mean: DVector::zeros(0),
+            cov: DMatrix::zeros(0, 0),
+        };
+        let rows: Vec<&Row> = self.groups.iter().flat_map(|group| &group.rows).collect();
+        let latest = self.groups.last().cloned().unwrap_or_default();
+        let gathered = latest.gathered(self.sensor.measurement_dim());
+        let window = Window::new(rows, self.motion, self.sensor, self.prior.as_ref().unwrap_or(&nothing))?;
+        let mut fits: Vec<Fitted> = Vec::new();
+        let mut failure = None;
+        for position in self.fixer.candidates(&gathered)? {
+            match window.fit_from(&position) {
+                Ok(new) => {
+                    let known = |old: &Fitted| {
+                        let difference = &old.state.mean - &new.state.mean;
+                        difference.dot(&(&old.information * &difference)) < SAME * SAME
+                    };
+                    if !fits.iter().any(known) {
+                        fits.push(new);
+                    }
+                }
+                Err(error) => failure = Some(error),
+            }
+        }
+        fits.sort_by(|a, b| a.statistic.total_cmp(&b.statistic));
+        let mut fits = fits.into_iter();
+        let Some(mut chosen) = fits.next() else {
+            return Err(failure.unwrap_or_else(|| self.failure()));
+        };
+        if let Some(rival) = fits.next().filter(|fit| fit.statistic - chosen.statistic < MIRROR_GAP) {
+            let d = self.motion.position_dims();
+            let (first, second) = (chosen.state.leading(d).mean, rival.state.leading(d).mean);
+            if !self.fixer.takes_first(&gathered, &first, &second)? {
+                chosen = rival;
+            }
+        }
+        if chosen.dof > 0 {
+            self.require_likely(chi_square::survival(chosen.statistic, chosen.dof))?;
+        }
+        Ok(chosen.state)
+    }
+
+    fn require_likely(&self, p_value: f64) -> Result<()> {
+        if p_value >= self.alpha {
+            return Ok(());
+        }
+        let requirement = format!("must be at least {} to start from this fix", self.alpha);
+        Err(Error::invalid("p_value of the fix", p_value, &requirement))
+    }
+
+    /// A fix that passed its test. Where the sensor has redundancy, a fix without any is not good enough.
+    fn tested(&self, measurement: &DVector<f64>) -> Result<Gaussian> {
+        let fix = self.fixer.fix(measurement)?;
+        if fix.dof == 0 && self.fixer.redundancy() > 0 {
+            let reason = "too few components to test the fix";
+            return Err(Error::invalid("measurement", "incomplete", reason));
+        }
+        self.require_likely(fix.p_value)?;
+        Ok(fix.position)
+    }
+
+    /// The error of a search that found nothing.
+    pub fn failure(&self) -> Error {
+        let first = self
+            .refused
+            .as_ref()
+            .map_or(String::new(), |e| format!("; first refusal: {e}"));
+        Error::Unobservable {
+            sensor: "the array".into(),
+            reason: format!(
+                "no {CONSECUTIVE} consecutive measurements, or groups of them, gave position fixes that pass their test (alpha = {}){first}",
+                self.alpha
+            ),
+        }
+    }
+}
+
+/// How many derivatives a state of blocks `x y z vx vy vz ax ay az` holds, with these labels behind it; None for another
+/// kind of state.
+fn kinematic_order(motion: &dyn Motion, behind: &[String]) -> Option<usize> {
+    let d = motion.position_dims();
+    let labels = motion.labels();
+    let labels = labels.strip_suffix(behind)?;
+    let order = labels.len().checked_div(d)?;
+    let fits = |(i, label): (usize, &String)| *label == format!("{}{}", ["", "v", "a"][i / d], labels[i % d]);
+    let kinematic = (1..=3).contains(&order) && labels.len() == order * d && labels.iter().enumerate().all(fits);
+    kinematic.then_some(order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::motion::{ConstantAcceleration, KinematicNoise};
+    use crate::model::sensor::{RangeArray, RangeArraySettings};
+    use approx::assert_relative_eq;
+
+    fn array() -> RangeArray {
+        RangeArray::new(RangeArraySettings {
+            hydrophones: DMatrix::from_row_slice(3, 3, &[0.0, 0.0, 250.0, 1000.0, 0.0, 252.0, 500.0, 866.0, 248.0]),
+            range_std: vec![1.0],
+            survey_std: Vec::new(),
+            depth_std: Some(0.3),
+            sound_speed: None,
+            side: None,
+        })
+        .unwrap()
+    }
+
+    /// Without lasting errors and motion noise, three complete rows and nine unknowns, the fit is U12 itself.
+    #[test]
+    fn fit_to_three_complete_rows_is_the_polynomial_through_their_fixes() {
+        let (array, motion) = (
+            array(),
+            ConstantAcceleration::new(KinematicNoise::Std(vec![0.0; 3])).unwrap(),
+        );
+        let mut starter = Starter::new(&motion, &array, 1e-9).unwrap();
+        let positions = [[-300.0, -250.0, 50.0], [-270.0, -238.0, 51.0], [-200.0, -205.0, 52.5]];
+        let mut fixes = Vec::new();
+        for (time, p) in [0.0, 2.0, 5.0].into_iter().zip(positions) {
+            let mut z = array.observe(&DVector::from_row_slice(&p), None).unwrap();
+            z[0] += 0.8;
+            z[2] -= 0.5 * time;
+            starter.take(time, &z, None).unwrap();
+            let position = array.fix(&z).unwrap().position;
+            fixes.push(TimedFix { time, position });
+        }
+        let polynomial = start_state(&fixes, 3, Some(&motion)).unwrap().state;
+        let fitted = starter.fit().unwrap();
+        assert_relative_eq!(fitted.mean, polynomial.mean, epsilon = 1e-5, max_relative = 1e-5);
+        assert_relative_eq!(fitted.cov, polynomial.cov, epsilon = 1e-6, max_relative = 1e-4);
+    }
+
+    #[test]
+    fn a_group_that_never_completes_stays_bounded() {
+        let (array, motion) = (
+            array(),
+            ConstantAcceleration::new(KinematicNoise::Std(vec![0.1; 3])).unwrap(),
+        );
+        let mut starter = Starter::new(&motion, &array, START_ALPHA).unwrap();
+        let z = DVector::from_vec(vec![300.0, f64::NAN, f64::NAN, f64::NAN]);
+        for k in 0..100 {
+            assert_eq!(starter.push(f64::from(k), &z, None).unwrap(), None);
+        }
+        assert_eq!((starter.groups.len(), starter.groups[0].rows.len()), (1, GROUP_ROWS));
+        assert!(starter.failure().to_string().contains("needs 3 ranges, 1 heard"));
+    }
+}

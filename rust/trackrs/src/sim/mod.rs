@@ -1,0 +1,4 @@
+//! Scenarios: truth and what the sensors would have reported of it, drawn from seeded streams.
+
+pub mod course;
+pub mod underwater;
