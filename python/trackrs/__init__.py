@@ -25,9 +25,16 @@ if TYPE_CHECKING:
         UnknownSensorError,
         UnobservableError,
     )
-    from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter, start_state
+    from trackrs.filter import (
+        CubatureKalmanFilter,
+        ExtendedKalmanFilter,
+        KalmanFilter,
+        UnscentedKalmanFilter,
+        start_state,
+    )
     from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate
+    from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
     from trackrs.metric import (
         GOSPA,
         OSPA,
@@ -45,7 +52,6 @@ if TYPE_CHECKING:
         rmse,
         whiteness,
     )
-    from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
     from trackrs.motion import ConstantAcceleration, ConstantVelocity, CustomMotion, LinearMotion, RandomWalk, Singer
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing

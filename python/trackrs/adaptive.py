@@ -154,10 +154,7 @@ class ResidualNoise:
                 needs = "is missing for" if value is None else "does not belong to"
                 msg = f'{name} {needs} memory="{self.memory}"'
                 raise ParameterError(msg)
-        if self.window is not None and self.window < 1:
-            msg = f"window = {self.window} is invalid: must be at least 1"
-            raise ParameterError(msg)
-        memory = (self.memory, parameters.get(self.memory))
+        memory = (self.memory, self.window or 0, self.fading or 0.0)
         forms = (self.r, self.q, self.r_limits, self.q_floor_psd)
         return core.with_residual_noise(memory, *forms, self.diagonal, self.first_epoch)
 

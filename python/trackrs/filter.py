@@ -150,9 +150,9 @@ class KalmanFilter(_SequenceFilter):
         sensor: for example `PositionSensor` or `LinearSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root" carries
-            their factors, by orthogonal transformations: up to 1e24, in at most twice the time. `covs` are products of
-            the factors; screening, noise estimation and smoothing work on these.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
 
@@ -186,9 +186,9 @@ class ExtendedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root" carries
-            their factors, by orthogonal transformations: up to 1e24, in at most twice the time. `covs` are products of
-            the factors; screening, noise estimation and smoothing work on these.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
         iterations: most linearisations of the sensor per measurement. Above 1 it is the iterated filter: each is at the
@@ -223,19 +223,19 @@ class ExtendedKalmanFilter(_SequenceFilter):
 class UnscentedKalmanFilter(_SequenceFilter):
     """The unscented Kalman filter: moments of nonlinear models from their values at 2n + 1 sigma points.
 
-    The line that fits best through the points, with their misfit as noise, takes the place of the derivative; screening,
-    noise estimation and smoothing work on it as they do in the extended filter. Of a linear motion and a linear sensor
-    this line is the model itself: then the filter is the Kalman filter, and no points are drawn. Angles are compared on
-    the circle.
+    The line that fits best through the points, with their misfit as noise, takes the place of the derivative;
+    screening, noise estimation and smoothing work on it as they do in the extended filter. Of a linear motion and a
+    linear sensor this line is the model itself: then the filter is the Kalman filter, and no points are drawn. Angles
+    are compared on the circle.
 
     Args:
         motion: for example `ConstantVelocity` or `CustomMotion`.
         sensor: for example `RangeBearing` or `CustomSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root" carries
-            their factors, by orthogonal transformations: up to 1e24, in at most twice the time. `covs` are products of
-            the factors; screening, noise estimation and smoothing work on these.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
         kappa: spread of the points, n + kappa > 0; the centre weighs kappa/(n + kappa).
@@ -306,9 +306,9 @@ class CubatureKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing` or `CustomSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root" carries
-            their factors, by orthogonal transformations: up to 1e24, in at most twice the time. `covs` are products of
-            the factors; screening, noise estimation and smoothing work on these.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
 
@@ -329,7 +329,7 @@ def _lead(lead: Lead) -> float | list[float] | str | None:
         return lead
     if np.ndim(lead) == 0:
         return float(lead)  # type: ignore[arg-type]
-    return array(lead, "lead", 1).tolist()
+    return [float(seconds) for seconds in array(lead, "lead", 1)]
 
 
 def start_state(

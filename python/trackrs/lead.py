@@ -248,7 +248,9 @@ def fit_psd(
         ParameterError: the motion has no such density, it is zero, the filter adapts its noise, or the best density is
             at an end of the span.
     """
-    names = [name for name in ("velocity_psd", "accel_psd", "jerk_psd") if getattr(filter.motion, name, None) is not None]
+    names = [
+        name for name in ("velocity_psd", "accel_psd", "jerk_psd") if getattr(filter.motion, name, None) is not None
+    ]
     if not names or filter.adapt is not None:
         msg = "fit_psd needs a motion given by velocity_psd=, accel_psd= or jerk_psd=, and a filter without adapt"
         raise ParameterError(msg)
@@ -261,7 +263,8 @@ def fit_psd(
     def scaled(log_ratio: float) -> AnyFilter:
         density = own * np.exp(log_ratio)
         given = float(density) if density.ndim == 0 else tuple(density.tolist())
-        changed: AnyFilter = filter.replace(motion=replace(filter.motion, **{names[0]: given}))
+        motion: Any = filter.motion
+        changed: AnyFilter = filter.replace(motion=replace(motion, **{names[0]: given}))
         return changed
 
     def loss(log_ratio: float) -> float:

@@ -49,7 +49,13 @@ impl Function {
                 .reshape([count, n])
                 .map_err(|e| self.failed(e))?;
             let arguments = match dt {
-                Some(dt) => PyTuple::new(py, [given.into_any(), dt.into_pyobject(py).map_err(|e| self.failed(e.into()))?.into_any()]),
+                Some(dt) => PyTuple::new(
+                    py,
+                    [
+                        given.into_any(),
+                        dt.into_pyobject(py).map_err(|e| self.failed(e.into()))?.into_any(),
+                    ],
+                ),
                 None => PyTuple::new(py, [given.into_any()]),
             };
             let found = arguments
@@ -70,7 +76,10 @@ impl Function {
                     .and_then(|numpy| numpy.call_method1("asarray", (found, "f8")))
                     .and_then(|made| Ok(made.cast_into::<PyArrayDyn<f64>>()?.try_readonly()?));
                 converted.map_err(|e| {
-                    self.failed(PyTypeError::new_err(format!("{} must return an array of numbers: {e}", self.name)))
+                    self.failed(PyTypeError::new_err(format!(
+                        "{} must return an array of numbers: {e}",
+                        self.name
+                    )))
                 })?
             }
         };

@@ -7,10 +7,7 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
-use trackrs::filter::lead::Lead;
 use trackrs::filter::nis_noise::NisScaledNoise;
-use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod, QForm, RForm};
-use trackrs::filter::residual_noise::{Memory, QFrom, RFrom, ResidualNoise};
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
@@ -23,6 +20,7 @@ use trackrs::model::{Motion as _, Sensor as _};
 use crate::array;
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
+use crate::options;
 
 /// Work between two looks for Ctrl-C, and rows between two looks at the clock.
 const CHUNK: Duration = Duration::from_millis(50);
@@ -81,29 +79,6 @@ pub(crate) struct Run<'py> {
     restarts: Vec<usize>,
     log_likelihood: f64,
     start: usize,
-}
-
-/// How far ahead, as the user says it.
-#[derive(FromPyObject)]
-pub(crate) enum GivenLead {
-    Name(String),
-    Seconds(f64),
-    Each(Vec<f64>),
-}
-
-impl GivenLead {
-    fn seconds(self, times: &[f64], horizon: Option<f64>) -> trackrs::Result<Vec<f64>> {
-        let lead = match self {
-            Self::Name(name) if name == "midpoint" => Lead::Midpoint,
-            Self::Name(other) => {
-                let requirement = "must be midpoint, seconds, or seconds for every time";
-                return Err(trackrs::Error::invalid("lead", other, requirement));
-            }
-            Self::Seconds(lead) => Lead::Seconds(lead),
-            Self::Each(leads) => Lead::Each(leads),
-        };
-        lead.seconds(times, horizon)
-    }
 }
 
 #[pymethods]
@@ -180,12 +155,12 @@ impl Filter {
         Ok(Self { filter })
     }
 
-    /// The same filter with its noise estimated from residuals; `memory` is its name and its parameter, where it has one.
+    /// The same filter with its noise estimated from residuals; `memory` is its name, its window and its factor.
     #[allow(clippy::too_many_arguments)]
     fn with_residual_noise(
         &self,
         py: Python<'_>,
-        memory: (String, Option<f64>),
+        memory: (String, i64, f64),
         r: &str,
         q: Option<&str>,
         r_limits: (f64, f64),
@@ -194,38 +169,8 @@ impl Filter {
         first_epoch: i64,
     ) -> PyResult<Self> {
         let filter = compute(py, || {
-            let refused =
-                |name: &str, value: &str, requirement: &str| Err(trackrs::Error::invalid(name, value, requirement));
-            let memory = match (memory.0.as_str(), memory.1) {
-                ("cumulative", _) => Memory::Cumulative,
-                ("window", Some(size)) => Memory::Window(size as usize),
-                ("fading", Some(factor)) => Memory::Fading(factor),
-                (other, _) => return refused("memory", other, "must be cumulative, window or fading"),
-            };
-            let r = match r {
-                "paper" => RFrom::Paper,
-                "resid" => RFrom::Resid,
-                "innov" => RFrom::Innov,
-                other => return refused("r", other, "must be paper, resid or innov"),
-            };
-            let q = match q {
-                None => None,
-                Some("paper") => Some(QFrom::Paper),
-                Some("innovation") => Some(QFrom::Innovation),
-                Some(other) => return refused("q", other, "must be paper, innovation or None"),
-            };
-            self.filter.clone().with_adaptation(ResidualNoise {
-                memory,
-                r,
-                q,
-                r_limits: EigenLimits {
-                    min: r_limits.0,
-                    max: r_limits.1,
-                },
-                q_floor,
-                diagonal,
-                first_epoch: count("first_epoch", first_epoch)?,
-            })
+            let rule = options::residual_noise(&memory, r, q, r_limits, q_floor, diagonal, first_epoch)?;
+            self.filter.clone().with_adaptation(rule)
         })?;
         Ok(Self { filter })
     }
@@ -282,34 +227,8 @@ impl Filter {
         r_limits: (f64, f64),
     ) -> PyResult<Self> {
         let filter = compute(py, || {
-            let refused =
-                |name: &str, value: &str, requirement: &str| Err(trackrs::Error::invalid(name, value, requirement));
-            let method = match method {
-                "em" => NoiseMethod::Em,
-                "map" => NoiseMethod::Map,
-                other => return refused("method", other, "must be em or map"),
-            };
-            let q_form = match forms.0.as_str() {
-                "input" => QForm::Input,
-                "full" => QForm::Full,
-                other => return refused("q_form", other, "must be input or full"),
-            };
-            let r_form = match forms.1.as_str() {
-                "diagonal" => RForm::Diagonal,
-                "full" => RForm::Full,
-                other => return refused("r_form", other, "must be diagonal or full"),
-            };
-            let limits = |(min, max): (f64, f64)| EigenLimits { min, max };
-            self.filter.clone().with_adaptation(LimitedMemoryNoise {
-                window: count("window", window)?,
-                r_window: r_window.map(|window| count("r_window", window)).transpose()?,
-                method,
-                q_form,
-                r_form,
-                first_epoch: count("first_epoch", first_epoch)?,
-                q_limits: limits(q_limits),
-                r_limits: limits(r_limits),
-            })
+            let rule = options::limited_memory(window, r_window, method, &forms, first_epoch, [q_limits, r_limits])?;
+            self.filter.clone().with_adaptation(rule)
         })?;
         Ok(Self { filter })
     }
@@ -370,10 +289,12 @@ impl Filter {
         initial: Option<Initial<'py>>,
         history: &str,
         inputs: Option<PyReadonlyArray2<'py, f64>>,
-        lead: Option<GivenLead>,
+        lead: Option<options::Lead>,
     ) -> PyResult<Run<'py>> {
         let times_given = array::c_slice(&times, "times")?;
-        let leads = lead.map(|lead| lead.seconds(times_given, self.filter.horizon())).transpose();
+        let leads = lead
+            .map(|lead| lead.seconds(times_given, self.filter.horizon()))
+            .transpose();
         let leads = leads.map_err(|error| to_python(py, &error))?;
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         require_width(py, "measurement", m, values.shape()[1])?;

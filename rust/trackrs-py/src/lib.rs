@@ -11,6 +11,7 @@ mod fusion;
 mod geodesy;
 mod metric;
 mod model;
+mod options;
 mod pose;
 mod rotation;
 mod sim;

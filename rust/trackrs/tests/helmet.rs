@@ -42,7 +42,9 @@ fn state(value: &Value) -> DVector<f64> {
 fn covariance(value: &Value) -> DMatrix<f64> {
     let m = matrix(value);
     let axes = m.nrows() / 3;
-    DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(interleaved(i, axes), interleaved(j, axes))])
+    DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| {
+        m[(interleaved(i, axes), interleaved(j, axes))]
+    })
 }
 
 fn close(found: &DMatrix<f64>, expected: &DMatrix<f64>, what: &str) {
@@ -52,7 +54,11 @@ fn close(found: &DMatrix<f64>, expected: &DMatrix<f64>, what: &str) {
 
 fn close_vector(found: &[f64], expected: &DVector<f64>, what: &str) {
     let found = DMatrix::from_column_slice(expected.len(), 1, found);
-    close(&found, &DMatrix::from_column_slice(expected.len(), 1, expected.as_slice()), what);
+    close(
+        &found,
+        &DMatrix::from_column_slice(expected.len(), 1, expected.as_slice()),
+        what,
+    );
 }
 
 fn at(stack: &trackrs::linalg::stack::Stack, row: usize) -> DMatrix<f64> {
@@ -111,10 +117,18 @@ fn compare(data: &Value, run: &FilterRun) {
         let row = usize::try_from(step["k"].as_u64().unwrap()).unwrap() - 1;
         if row > 0 {
             close_vector(run.leads.means.at(row - 1), &state(&step["xh"]), "half mean");
-            close(&at(&run.leads.covs, row - 1), &covariance(&step["Ph"]), "half covariance");
+            close(
+                &at(&run.leads.covs, row - 1),
+                &covariance(&step["Ph"]),
+                "half covariance",
+            );
         }
         close_vector(run.predicted.means.at(row), &state(&step["xp"]), "predicted mean");
-        close(&at(&run.predicted.covs, row), &covariance(&step["Pp"]), "predicted covariance");
+        close(
+            &at(&run.predicted.covs, row),
+            &covariance(&step["Pp"]),
+            "predicted covariance",
+        );
         close_vector(run.innovations.at(row), &vector(&step["nu"]), "innovation");
         close(&at(&run.innovation_covs, row), &matrix(&step["S"]), "S");
         close_vector(run.filtered.means.at(row), &state(&step["x"]), "mean");
@@ -187,7 +201,10 @@ fn density_scaled_by_the_innovations_is_the_golden_one() {
             cov: matrix(&data["P0"]),
         },
     };
-    let run = filter.unwrap().run(&times, &values, Some(&initial), None, History::Full).unwrap();
+    let run = filter
+        .unwrap()
+        .run(&times, &values, Some(&initial), None, History::Full)
+        .unwrap();
     for (row, step) in data["steps"].as_array().unwrap().iter().enumerate() {
         let psd = step["psd"].as_f64().unwrap();
         assert!((run.q_hat.at(row)[0] - psd).abs() < 1e-9 * psd, "row {row}");
@@ -207,7 +224,10 @@ fn points_carried_on_are_the_modified_kalman_filter() {
     let r = matrix(&data["R0"]);
     let h = DMatrix::identity(6, 18);
     use trackrs::model::Motion;
-    let (f, q) = (case.filter.motion().jacobian(&x, half), case.filter.motion().noise(half));
+    let (f, q) = (
+        case.filter.motion().jacobian(&x, half),
+        case.filter.motion().noise(half),
+    );
     for (row, z) in case.values.iter().enumerate() {
         let (mut middle, mut m) = (f.clone() * &x, &f * &p * f.transpose() + &q);
         (middle, m) = (&f * middle, &f * m * f.transpose());
@@ -230,7 +250,11 @@ fn two_half_steps_are_one_whole() {
     one.filter = one.filter.with_steps(1).unwrap();
     let (two, one) = (two.run(), one.run());
     for row in 0..one.filtered.len() {
-        for (a, b) in [(&one.filtered, &two.filtered), (&one.predicted, &two.predicted), (&one.leads, &two.leads)] {
+        for (a, b) in [
+            (&one.filtered, &two.filtered),
+            (&one.predicted, &two.predicted),
+            (&one.leads, &two.leads),
+        ] {
             let scale = at(&a.covs, row).amax();
             assert!((at(&a.covs, row) - at(&b.covs, row)).amax() < 1e-12 * scale);
             let (x, y) = (a.at(row).mean, b.at(row).mean);

@@ -81,7 +81,11 @@ fn textbook(state: &Gaussian, kappa: f64, scale: Option<(f64, f64)>) -> Textbook
     let mut of_mean = vec![0.5 / (size + lambda); 2 * n + 1];
     of_mean[0] = lambda / (size + lambda);
     let mut of_cov = of_mean.clone();
-    of_cov[0] += if scale.is_some() { 1.0 - alpha * alpha + beta } else { 0.0 };
+    of_cov[0] += if scale.is_some() {
+        1.0 - alpha * alpha + beta
+    } else {
+        0.0
+    };
     Textbook {
         points,
         of_mean,
@@ -90,7 +94,13 @@ fn textbook(state: &Gaussian, kappa: f64, scale: Option<(f64, f64)>) -> Textbook
 }
 
 fn rules() -> Vec<(f64, Option<(f64, f64)>, SigmaPoints)> {
-    let scaled = |alpha, beta, kappa| (kappa, Some((alpha, beta)), SigmaPoints::scaled(alpha, beta, kappa).unwrap());
+    let scaled = |alpha, beta, kappa| {
+        (
+            kappa,
+            Some((alpha, beta)),
+            SigmaPoints::scaled(alpha, beta, kappa).unwrap(),
+        )
+    };
     vec![
         (0.0, None, SigmaPoints::cubature()),
         (1.0, None, SigmaPoints::unscented(1.0)),
@@ -198,7 +208,11 @@ fn a_singular_covariance_has_points_and_an_indefinite_one_an_error() {
     assert_eq!(again.unwrap().posterior, found);
     state.cov[(0, 0)] = -1.0;
     let error = filter.update(&state, &z, None).unwrap_err();
-    assert!(error.to_string().starts_with("covariance of the sigma points is not positive definite"));
+    assert!(
+        error
+            .to_string()
+            .starts_with("covariance of the sigma points is not positive definite")
+    );
 }
 
 #[test]

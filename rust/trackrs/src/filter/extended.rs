@@ -65,7 +65,12 @@ impl Linearised {
     }
 
     /// h and H at `mean`.
-    pub(super) fn at(&mut self, mean: &DVector<f64>, sensor: &dyn Sensor, platform: Option<&DVector<f64>>) -> Result<()> {
+    pub(super) fn at(
+        &mut self,
+        mean: &DVector<f64>,
+        sensor: &dyn Sensor,
+        platform: Option<&DVector<f64>>,
+    ) -> Result<()> {
         let (expected, jacobian) = (self.expected.as_mut_slice(), &mut self.prediction.jacobian);
         sensor.linearise_into(mean, platform, expected, jacobian)
     }

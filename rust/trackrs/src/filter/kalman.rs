@@ -24,8 +24,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::correction::{Correction, Scratch};
-use super::measured_root::MeasuredRoot;
 use super::extended::Rule;
+use super::measured_root::MeasuredRoot;
 use super::prediction::{Course, Prediction};
 use super::square_root::Form;
 use crate::error::{Error, Result, require_size};

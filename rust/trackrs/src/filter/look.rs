@@ -198,7 +198,12 @@ impl Look {
             self.again.at(&self.point, target.sensor, target.platform)?;
             set_root(&mut self.again, target, &self.noise_root);
             self.again.prediction.prepare(prior.cov.as_slice())?;
-            residual_into(target.sensor, measurement, self.again.expected.as_slice(), &mut self.pseudo);
+            residual_into(
+                target.sensor,
+                measurement,
+                self.again.expected.as_slice(),
+                &mut self.pseudo,
+            );
             let n = prior.dim();
             for (r, h) in self
                 .pseudo

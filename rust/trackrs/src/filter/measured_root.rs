@@ -55,7 +55,11 @@ impl MeasurementPrediction {
         root.weights.truncate(m * m);
         // The rows of V and W, their columns in reverse, make a lower triangle whose transpose in reverse is that of S = L Lᵀ.
         root.work.clear();
-        for row in root.weights.chunks_exact(m.max(1)).chain(root.seen.chunks_exact(m.max(1))) {
+        for row in root
+            .weights
+            .chunks_exact(m.max(1))
+            .chain(root.seen.chunks_exact(m.max(1)))
+        {
             root.work.extend(row.iter().rev());
         }
         triangularise(m, &mut root.work, &mut root.sum);

@@ -36,7 +36,11 @@ impl NisScaledNoise {
         require_positive("psd_limits", min)?;
         require_positive("psd_limits", max)?;
         if max < min {
-            return Err(Error::invalid("psd_limits", format!("{min} to {max}"), "must be in order"));
+            return Err(Error::invalid(
+                "psd_limits",
+                format!("{min} to {max}"),
+                "must be in order",
+            ));
         }
         if !(self.eta > 0.0 && self.eta <= 1.0) {
             return Err(Error::invalid("eta", self.eta, "must be above 0 and at most 1"));
@@ -62,7 +66,9 @@ pub struct NisMemory {
 
 impl NisMemory {
     pub(super) fn new(rule: NisScaledNoise, motion: &dyn Motion, r: DMatrix<f64>) -> Result<Self> {
-        let own = motion.noise_input(1.0).map_or_else(|| DMatrix::zeros(0, 0), |input| input.cov);
+        let own = motion
+            .noise_input(1.0)
+            .map_or_else(|| DMatrix::zeros(0, 0), |input| input.cov);
         let largest = own.diagonal().iter().copied().fold(0.0, f64::max);
         require_positive("noise of the motion", largest)?;
         let n = motion.state_dim();

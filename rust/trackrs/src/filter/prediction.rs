@@ -301,7 +301,10 @@ pub(super) fn draw(spread: &mut Spread, rule: &SigmaPoints, prior: &Gaussian, fa
         return spread.draw(rule, mean, prior.cov.as_slice(), "covariance of the sigma points");
     };
     // L of P = L Lᵀ: the factor made triangular with its columns in reverse, and transposed.
-    let mut rows: Vec<f64> = factor.chunks_exact(n.max(1)).flat_map(|row| row.iter().rev().copied()).collect();
+    let mut rows: Vec<f64> = factor
+        .chunks_exact(n.max(1))
+        .flat_map(|row| row.iter().rev().copied())
+        .collect();
     triangularise(n, &mut rows, &mut vec![0.0; n]);
     let mut lower = vec![0.0; n * n];
     for k in 0..n {

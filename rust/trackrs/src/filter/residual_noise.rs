@@ -250,7 +250,8 @@ impl ResidualHistory {
         }
         if corrected.dof == m || self.rule.diagonal {
             self.of_residuals.push(residual);
-            self.of_innovations.push(DVector::from_column_slice(corrected.innovation));
+            self.of_innovations
+                .push(DVector::from_column_slice(corrected.innovation));
         }
         self.processed += 1;
         if self.processed < self.rule.first_epoch || self.of_residuals.counts[(0, 0)] == 0.0 && !self.rule.diagonal {

@@ -93,13 +93,25 @@ impl<'a> Runner<'a> {
             prediction: Prediction::new(n, method.rule, method.form),
             ahead: Prediction::new(n, method.rule, method.form),
             look: Look::new(n, filter.sensor(), method)?,
-            gain: vec![0.0; if memory.is_some() { n * filter.sensor().measurement_dim() } else { 0 }],
+            gain: vec![
+                0.0;
+                if memory.is_some() {
+                    n * filter.sensor().measurement_dim()
+                } else {
+                    0
+                }
+            ],
             memory,
             screened: None,
             allowance,
             used: Vec::with_capacity(filter.sensor().measurement_dim()),
             recovery: Recovery::default(),
         })
+    }
+
+    /// A factor U of the state's covariance Uᵀ U, n×n row by row, in square-root form.
+    pub fn factor(&self) -> Option<&[f64]> {
+        self.factor.as_deref()
     }
 
     /// The noise estimator, where one is set.

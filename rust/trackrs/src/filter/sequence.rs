@@ -123,7 +123,9 @@ impl Filter {
                 return refused("does not go with redraw=False: its covariance is a difference");
             }
             if !points.is_definite(self.motion.state_dim()) {
-                return refused("needs covariances that are sums of squares: kappa must not be negative, or beta not too small");
+                return refused(
+                    "needs covariances that are sums of squares: kappa must not be negative, or beta not too small",
+                );
             }
         }
         self.method.form = form;

@@ -225,7 +225,9 @@ impl Spread {
         let mean_of = 1.0 / n.max(1) as f64;
         last.iter_mut().for_each(|d| *d *= mean_of);
         for row in bends.chunks_exact_mut(width.max(1)) {
-            row.iter_mut().zip(last.iter()).for_each(|(d, mean)| *d = root * (*d - mean));
+            row.iter_mut()
+                .zip(last.iter())
+                .for_each(|(d, mean)| *d = root * (*d - mean));
         }
         let weight = mean_bend.abs().sqrt();
         last.iter_mut().for_each(|d| *d *= weight);
@@ -240,9 +242,16 @@ impl Spread {
     /// Adds B_selfᵀ B_other, width×other width, to `out`; of a square the lower half alone would do.
     pub(super) fn add_bends_with(&self, other: &Self, out: &mut [f64]) {
         let width = other.width.max(1);
-        let rows = self.bends.chunks_exact(self.width.max(1)).zip(other.bends.chunks_exact(width));
+        let rows = self
+            .bends
+            .chunks_exact(self.width.max(1))
+            .zip(other.bends.chunks_exact(width));
         for (k, (left, right)) in rows.enumerate() {
-            let sign = if k == self.n && self.last_bend_negative { -1.0 } else { 1.0 };
+            let sign = if k == self.n && self.last_bend_negative {
+                -1.0
+            } else {
+                1.0
+            };
             for (&x, row) in left.iter().zip(out.chunks_exact_mut(width)) {
                 if x != 0.0 {
                     kernel::add_scaled(row, sign * x, right);
