@@ -43,6 +43,10 @@ impl MeasurementPrediction {
     ) {
         let (n, m) = (self.n, self.m);
         scratch.fit(n, m);
+        if self.given {
+            self.subtract_into(prior, innovation, &mut scratch.gain, out);
+            return;
+        }
         if let Some(root) = &self.root {
             root.posterior_into(prior, innovation, &mut scratch.root, &mut scratch.gain, out);
             return;
@@ -54,6 +58,25 @@ impl MeasurementPrediction {
             3 => sized!(joseph_of_three(n, self, prior, innovation, scratch, out)),
             4 => sized!(joseph_of_four(n, self, prior, innovation, scratch, out)),
             _ => sized!(joseph_of_many(n, self, prior, innovation, scratch, out)),
+        }
+    }
+}
+
+impl MeasurementPrediction {
+    /// The posterior P − (L⁻¹ H P)ᵀ (L⁻¹ H P) of a given S = L Lᵀ and H P.
+    fn subtract_into(&self, prior: GaussianRef<'_>, innovation: &[f64], gain: &mut [f64], out: &mut Gaussian) {
+        let (n, m) = (self.n, self.m);
+        gain.copy_from_slice(&self.cross[..m * n]);
+        kernel::solve_lower(m, n, &self.lower, gain);
+        let cov = out.cov.as_mut_slice();
+        cov.copy_from_slice(prior.cov);
+        kernel::subtract_transposed_product(n, gain, gain, cov);
+        kernel::symmetrise(n, cov);
+        kernel::solve_upper(m, n, &self.lower, gain);
+        let mean = out.mean.as_mut_slice();
+        mean.copy_from_slice(prior.mean);
+        for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
+            kernel::add_scaled(mean, r, row);
         }
     }
 }

@@ -87,6 +87,8 @@ pub struct MeasurementPrediction {
     pub(super) cross: Vec<f64>,
     pub(super) cov: DMatrix<f64>,
     pub(super) lower: Vec<f64>,
+    /// Whether S and H P are given, so that P⁺ = P − K S Kᵀ.
+    pub(super) given: bool,
     /// The same in square-root form.
     pub(super) root: Option<Box<MeasuredRoot>>,
 }
@@ -116,6 +118,7 @@ impl MeasurementPrediction {
             cross: vec![0.0; m * n],
             cov: DMatrix::zeros(m, m),
             lower: vec![0.0; m * m],
+            given: false,
             root: None,
         }
     }
@@ -150,7 +153,7 @@ impl MeasurementPrediction {
         self.factorise()
     }
 
-    fn factorise(&mut self) -> Result<()> {
+    pub(super) fn factorise(&mut self) -> Result<()> {
         let m = self.m;
         let factored = if self.root.is_some() {
             self.prepare_root()
@@ -207,6 +210,7 @@ impl MeasurementPrediction {
     pub(super) fn select_into(&self, components: &[usize], part: &mut Self) -> Result<()> {
         let (n, m, k) = (self.n, self.m, components.len());
         part.m = k;
+        part.given = self.given;
         for matrix in [&mut part.jacobian, &mut part.cross] {
             matrix.resize(k * n, 0.0);
         }

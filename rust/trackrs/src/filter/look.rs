@@ -146,7 +146,7 @@ impl Look {
     }
 
     /// The same from the points of the prediction, which lack its noise: S and cross covariance belong to P⁻ − Q (H11).
-    /// H̃ = P_xzᵀ (P⁻)⁻¹ and R̃ = S − H̃ P_xz lead to K = P_xz S⁻¹ and P⁻ − K S Kᵀ.
+    /// K = P_xz S⁻¹ and P⁺ = P⁻ − K S Kᵀ; a screen sees H̃ = P_xzᵀ (P⁻)⁻¹.
     fn expect_carried(&mut self, points: &SigmaPoints, target: &Target<'_>, carried: &Spread) -> Result<()> {
         let (n, m) = (target.prior.dim(), self.innovation.len());
         let spread = self.spread.get_or_insert_with(|| Spread::new(n, m));
@@ -157,6 +157,7 @@ impl Look {
         let mut s = self.noise.clone();
         add_products(m, m, &spread.slopes, &spread.slopes, &mut s);
         spread.add_bends(&mut s);
+        kernel::symmetrise(m, &mut s);
         let mut cross = vec![0.0; n * m];
         add_products(n, m, &carried.slopes, &spread.slopes, &mut cross);
         carried.add_bends_with(spread, &mut cross);
@@ -169,15 +170,13 @@ impl Look {
         for (i, row) in solved.chunks_exact(m.max(1)).enumerate() {
             for (a, &x) in row.iter().enumerate() {
                 expected.jacobian[a * n + i] = x;
+                expected.cross[a * n + i] = cross[i * m + a];
             }
         }
-        for a in 0..m {
-            for b in 0..m {
-                let seen: f64 = (0..n).map(|i| solved[i * m + a] * cross[i * m + b]).sum();
-                expected.noise[a * m + b] = s[a * m + b] - seen;
-            }
-        }
-        expected.prepare(target.prior.cov.as_slice())
+        expected.sparse.set(n, &expected.jacobian);
+        expected.given = true;
+        expected.cov.as_mut_slice().copy_from_slice(&s);
+        expected.factorise()
     }
 
     /// Corrects the prior by the innovation.

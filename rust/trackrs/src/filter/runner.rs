@@ -6,7 +6,7 @@
 //! 3. the state is updated with the sensor noise in force;
 //! 4. what was used goes into the memory of the noise estimator, where one is set ([`super::noise`]), which changes the
 //!    noise of the next epoch (U19); rejected data never adapt it;
-//! 5. a filter that is lost finds its way back ([`super::recovery`]): after a lock-out it starts anew from the fixes of the
+//! 5. a filter that is lost finds its way back (`recovery.rs`): after a lock-out it starts anew from the fixes of the
 //!    last epochs, and the smoother's link is cut (F = 0); measurements that meet a prediction too vague to use them are held
 //!    until together they give a start, and the link stays.
 //!
@@ -266,14 +266,13 @@ impl<'a> Runner<'a> {
         ) {
             factor.copy_from_slice(found);
         }
-        let found = match held {
-            Some(held) => held.start,
-            None => {
-                let used = self.look.correction.dof;
-                let start = self.recovery.restart(self.filter, &row, self.screened.as_ref(), used)?;
-                // The state before the measurement is the start itself, reached from nothing.
-                start.inspect(|start| self.prediction.cut(start))
-            }
+        let found = if let Some(held) = held {
+            held.start
+        } else {
+            let used = self.look.correction.dof;
+            let start = self.recovery.restart(self.filter, &row, self.screened.as_ref(), used)?;
+            // The state before the measurement is the start itself, reached from nothing.
+            start.inspect(|start| self.prediction.cut(start))
         };
         if let Some(start) = found {
             self.factor = factor_of(self.filter.method().form, &start.cov)?;

@@ -275,6 +275,7 @@ impl Filter {
     ) -> Result<kalman::Update> {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
+        self.require_possible(measurement.as_slice(), &"")?;
         extended::update(state, &self.sensor, measurement, platform, self.method)
     }
 
@@ -355,6 +356,19 @@ impl Filter {
         run
     }
 
+    /// Refuses what no target could cause; a screen finds it by itself.
+    fn require_possible(&self, measurement: &[f64], place: &dyn std::fmt::Display) -> Result<()> {
+        let Some(i) = self.sensor.impossible(measurement) else {
+            return Ok(());
+        };
+        let name = format!("measurement of channel {i}{place}");
+        Err(Error::invalid(
+            &name,
+            measurement[i],
+            "must not be negative; a filter with a screen rejects such a value and goes on",
+        ))
+    }
+
     /// Whether a run of these would be accepted.
     pub fn check(&self, data: &Sequence<'_>, initial: Option<&InitialState>) -> Result<()> {
         let (n, m) = (self.motion.state_dim(), self.sensor.measurement_dim());
@@ -368,6 +382,11 @@ impl Filter {
         if let Some(inputs) = data.inputs {
             require_size("inputs", count * n, inputs.len())?;
             require_finite("input", inputs)?;
+        }
+        if self.screen.is_none() {
+            for (row, measurement) in data.measurements.chunks_exact(m.max(1)).enumerate() {
+                self.require_possible(measurement, &format_args!(" at row {}", data.first_row + row))?;
+            }
         }
         let mut previous = initial.map_or(f64::NEG_INFINITY, |i| i.time);
         for &time in data.times {

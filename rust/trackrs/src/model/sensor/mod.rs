@@ -100,6 +100,10 @@ pub trait Sensor: Debug + Send + Sync {
     fn is_linear(&self) -> bool {
         false
     }
+    /// A component that no target could cause, such as a negative range beyond its noise.
+    fn impossible(&self, _measurement: &[f64]) -> Option<usize> {
+        None
+    }
     /// Number of coordinates a platform position must have, where the sensor can stand on one.
     fn platform_dims(&self) -> Option<usize> {
         None
@@ -240,6 +244,9 @@ impl Sensor for SensorModel {
     }
     fn is_linear(&self) -> bool {
         self.as_sensor().is_linear()
+    }
+    fn impossible(&self, measurement: &[f64]) -> Option<usize> {
+        self.as_sensor().impossible(measurement)
     }
     fn platform_dims(&self) -> Option<usize> {
         self.as_sensor().platform_dims()
