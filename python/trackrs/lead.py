@@ -133,7 +133,7 @@ def choose_jerk_psd(
 
     Example:
         >>> import trackrs as tr
-        >>> choice = tr.choose_jerk_psd(amplitude=30.0, frequency=0.5, period=0.05, std=0.0724)
+        >>> choice = tr.choose_jerk_psd(amplitude=5.0, frequency=1.3, period=0.05, std=0.0724)
         >>> 1e5 < choice.psd < 1e6, choice.prediction_rms < 0.2
         (True, True)
     """

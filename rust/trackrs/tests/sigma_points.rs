@@ -93,7 +93,10 @@ fn textbook(state: &Gaussian, kappa: f64, scale: Option<(f64, f64)>) -> Textbook
     }
 }
 
-fn rules() -> Vec<(f64, Option<(f64, f64)>, SigmaPoints)> {
+/// Kappa, alpha and beta where scaled, and the points.
+type Case = (f64, Option<(f64, f64)>, SigmaPoints);
+
+fn rules() -> Vec<Case> {
     let scaled = |alpha, beta, kappa| {
         (
             kappa,

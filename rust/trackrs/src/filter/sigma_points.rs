@@ -223,14 +223,18 @@ impl Spread {
         }
         let root = (0.5 * w).sqrt();
         let mean_of = 1.0 / n.max(1) as f64;
-        last.iter_mut().for_each(|d| *d *= mean_of);
+        for d in last.iter_mut() {
+            *d *= mean_of;
+        }
         for row in bends.chunks_exact_mut(width.max(1)) {
             row.iter_mut()
                 .zip(last.iter())
                 .for_each(|(d, mean)| *d = root * (*d - mean));
         }
         let weight = mean_bend.abs().sqrt();
-        last.iter_mut().for_each(|d| *d *= weight);
+        for d in last.iter_mut() {
+            *d *= weight;
+        }
         self.last_bend_negative = mean_bend < 0.0;
     }
 

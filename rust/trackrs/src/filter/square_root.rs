@@ -198,7 +198,9 @@ pub(super) fn solve_transposed(n: usize, w: usize, lower: &[f64], b: &mut [f64])
         }
         let pivot = lower[i * n + i];
         let inverse = if pivot == 0.0 { 0.0 } else { 1.0 / pivot };
-        row.iter_mut().for_each(|x| *x *= inverse);
+        for x in row.iter_mut() {
+            *x *= inverse;
+        }
     }
 }
 
@@ -212,7 +214,9 @@ pub(super) fn solve_forward(n: usize, w: usize, lower: &[f64], b: &mut [f64]) {
         }
         let pivot = lower[i * n + i];
         let inverse = if pivot == 0.0 { 0.0 } else { 1.0 / pivot };
-        row.iter_mut().for_each(|x| *x *= inverse);
+        for x in row.iter_mut() {
+            *x *= inverse;
+        }
     }
 }
 
