@@ -280,6 +280,7 @@ def test_every_argument_has_a_kind():
 
 def test_every_model_has_a_name():
     public = (getattr(tr, name) for name in tr.__all__)
-    classes = {value for value in public if isinstance(value, type)}
+    # A file cannot hold functions.
+    classes = {value for value in public if isinstance(value, type)} - {tr.CustomMotion, tr.CustomSensor}
     assert set(module.MOTIONS.values()) == {c for c in classes if issubclass(c, module.ConstantVelocity.__base__)}
     assert set(module.SENSORS.values()) == {c for c in classes if issubclass(c, module.PositionSensor.__base__)}

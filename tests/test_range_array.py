@@ -246,3 +246,22 @@ def test_runs_that_cannot_start_say_why():
         ekf.run([1.0, 2.0], np.full((2, 4), np.inf))
     with pytest.raises(tr.ParameterError, match="pass initial=GaussianState"):
         tr.ExtendedKalmanFilter(jerk(), tr.PositionSensor(3, std=1.0)).run([0.0], [[1.0, 1.0, 1.0]])
+
+
+def test_negative_ranges_are_refused_by_row_or_rejected_by_a_screen():
+    array = tr.RangeArray.bats(BATS)
+    times, path, _ = manoeuvre()
+    values = heard(array, path, np.random.default_rng(6))
+    values[50, 1] = -20.0
+    with pytest.raises(tr.ParameterError, match=r"measurement of channel 1 at row 50 = -20 .* must not be negative"):
+        tr.ExtendedKalmanFilter(jerk(), array).run(times, values)
+    run = tr.ExtendedKalmanFilter(jerk(), array, screen=tr.ChiSquareScreen()).run(times, values)
+    assert run.verdicts[50, 1] == tr.Verdict.REJECTED
+    assert tr.rmse(run.means[50:, :3] - path[50:]) < 2.0
+    state = run[run.start]
+    with pytest.raises(tr.ParameterError, match="channel 1 = -20"):
+        tr.ExtendedKalmanFilter(jerk(), array).update(state, values[50])
+    # A target on a hydrophone may be reported a little below zero.
+    near = tr.RangeArray([[0.0, 0.0], [50.0, 0.0]], range_std=1.0)
+    ekf = tr.ExtendedKalmanFilter(tr.RandomWalk(dims=2, velocity_psd=1.0), near)
+    assert np.isfinite(ekf.update(tr.GaussianState([0.5, 0.5], np.eye(2)), [-0.4, 49.0]).posterior.mean).all()

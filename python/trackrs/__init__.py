@@ -9,7 +9,7 @@ from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
     from trackrs import geodesy, rotation, scenarios
-    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
+    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
         BusyError,
@@ -25,9 +25,16 @@ if TYPE_CHECKING:
         UnknownSensorError,
         UnobservableError,
     )
-    from trackrs.filter import ExtendedKalmanFilter, KalmanFilter, start_state
+    from trackrs.filter import (
+        CubatureKalmanFilter,
+        ExtendedKalmanFilter,
+        KalmanFilter,
+        UnscentedKalmanFilter,
+        start_state,
+    )
     from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate
+    from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
     from trackrs.metric import (
         GOSPA,
         OSPA,
@@ -45,9 +52,9 @@ if TYPE_CHECKING:
         rmse,
         whiteness,
     )
-    from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
+    from trackrs.motion import ConstantAcceleration, ConstantVelocity, CustomMotion, LinearMotion, RandomWalk, Singer
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
-    from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
     from trackrs.types import (
@@ -77,6 +84,9 @@ __all__ = [
     "ClutterMap",
     "ConstantAcceleration",
     "ConstantVelocity",
+    "CubatureKalmanFilter",
+    "CustomMotion",
+    "CustomSensor",
     "Deletion",
     "DimensionError",
     "Evaluation",
@@ -89,7 +99,9 @@ __all__ = [
     "GlobalNearestNeighbour",
     "GospaDistance",
     "InternalError",
+    "JerkChoice",
     "KalmanFilter",
+    "LeadCurve",
     "Ledger",
     "LimitedMemoryNoise",
     "LinearMotion",
@@ -97,6 +109,7 @@ __all__ = [
     "MofN",
     "MultiTargetTracker",
     "NearestNeighbour",
+    "NisScaledNoise",
     "NonFiniteError",
     "NotPositiveDefiniteError",
     "OspaDistance",
@@ -105,10 +118,12 @@ __all__ = [
     "PoseFix",
     "PoseSensor",
     "PositionSensor",
+    "PsdFit",
     "RandomWalk",
     "RangeArray",
     "RangeBearing",
     "RegularTimes",
+    "ResidualNoise",
     "Scan",
     "Singer",
     "SmoothedRun",
@@ -122,15 +137,19 @@ __all__ = [
     "Truth",
     "UnknownSensorError",
     "UnobservableError",
+    "UnscentedKalmanFilter",
     "Update",
     "Verdict",
     "Whiteness",
     "__version__",
     "assign",
+    "choose_jerk_psd",
     "covariance_intersection",
     "evaluate",
+    "fit_psd",
     "geodesy",
     "gospa",
+    "lead_curve",
     "nees",
     "nis",
     "ospa",
@@ -152,6 +171,7 @@ _HOMES = (
     "filter",
     "fusion",
     "gating",
+    "lead",
     "metric",
     "motion",
     "pose",

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+from trackrs.errors import ParameterError
+
+if TYPE_CHECKING:
+    from trackrs import _trackrs
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,3 +103,86 @@ class LimitedMemoryNoise:
         which does not keep them positive semidefinite: here the limits are those of the eigenvalues.
         """
         return cls(window, method="map", first_epoch=1, q_form="full", r_form="full")
+
+    def _apply(self, core: _trackrs.Filter) -> _trackrs.Filter:
+        forms = (self.q_form, self.r_form)
+        limits = (self.q_limits, self.r_limits)
+        return core.with_adaptation(self.window, self.r_window, self.method, forms, self.first_epoch, *limits)
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualNoise:
+    """Estimates the noise from the residuals of the measurements so far, as the helmet paper does and as it should.
+
+    For comparison with the paper: a fixed density chosen for the fastest motion (`choose_jerk_psd`, `fit_psd`), or
+    `NisScaledNoise`, predicts better.
+
+    Args:
+        r_limits: lowest and highest eigenvalue of R.
+        memory: "cumulative" (the paper), the last `window` measurements, or "fading" by the factor `fading`.
+        window: measurements, with memory="window".
+        fading: in (0, 1), with memory="fading".
+        r: "resid", the residuals after the update plus the covariance that they lack; "innov", the innovations less
+            theirs; "paper", with the wrong sign, so that R falls to its limit.
+        q: None keeps the motion's own; "paper" is K C Kᵀ of the residuals, "innovation" of the innovations. Both are
+            added once per prediction step whatever its length, and shrink with the gains that they make.
+        q_floor_psd: density of white noise added to that Q on every axis.
+        diagonal: keep R diagonal; then measurements with missing components count too.
+        first_epoch: the estimates are used from this measurement on.
+
+    Raises:
+        ParameterError: a parameter out of its domain, when the filter is built.
+
+    Reference:
+        Sun, Zhang (2015), eqs. (17) to (20); Mohamed, Schwarz (1999); spec labels H17 to H20.
+    """
+
+    r_limits: tuple[float, float]
+    memory: Literal["cumulative", "window", "fading"] = "cumulative"
+    window: int | None = None
+    fading: float | None = None
+    r: Literal["paper", "resid", "innov"] = "resid"
+    q: Literal["paper", "innovation"] | None = None
+    q_floor_psd: float = 0.0
+    diagonal: bool = False
+    first_epoch: int = 2
+
+    def _apply(self, core: _trackrs.Filter) -> _trackrs.Filter:
+        parameters = {"window": self.window, "fading": self.fading}
+        for name, value in parameters.items():
+            if (value is None) == (self.memory == name):
+                needs = "is missing for" if value is None else "does not belong to"
+                msg = f'{name} {needs} memory="{self.memory}"'
+                raise ParameterError(msg)
+        memory = (self.memory, self.window or 0, self.fading or 0.0)
+        forms = (self.r, self.q, self.r_limits, self.q_floor_psd)
+        return core.with_residual_noise(memory, *forms, self.diagonal, self.first_epoch)
+
+
+@dataclass(frozen=True, slots=True)
+class NisScaledNoise:
+    """Scales the motion noise so that the innovations have the size that the filter expects.
+
+    After every measurement ln q <- ln q + eta (min(nis/m, cap) - 1), within its limits. For stationary motion it finds
+    the best density. The sensor's noise should be right within a factor of 4; if it is much too large, q falls asleep.
+
+    Args:
+        psd_limits: lowest and highest density of the motion's noisiest axis, in its units (m²/s⁵ or rad²/s⁵ for
+            `jerk_psd=`); the others keep their proportion. The lowest should follow a start from rest: for heads 0.3
+            rad²/s⁵.
+        eta: rate; above 0.1 it sinks too far during rest.
+        cap: largest nis/m that counts.
+
+    Raises:
+        ParameterError: a parameter out of its domain, or a motion without such noise, when the filter is built.
+
+    Reference:
+        Spec label H24; not in the paper.
+    """
+
+    psd_limits: tuple[float, float]
+    eta: float = 0.03
+    cap: float = 20.0
+
+    def _apply(self, core: _trackrs.Filter) -> _trackrs.Filter:
+        return core.with_nis_noise(self.psd_limits, self.eta, self.cap)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import array, frozen
+from trackrs.adaptive import ResidualNoise
 from trackrs.errors import DimensionError, ParameterError, TimeError
 from trackrs.types import FilterRun, GaussianState, Update, freeze_columns
 
@@ -15,12 +18,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
+    from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
     from trackrs.types import Fix
 
 History = Literal["full", "filtered", "last"]
+Form = Literal["joseph", "square_root"]
+Lead: TypeAlias = "float | ArrayLike | Literal['midpoint'] | None"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +34,11 @@ class _SequenceFilter:
 
     motion: Motion
     sensor: Sensor
-    adapt: LimitedMemoryNoise | None = None
+    adapt: LimitedMemoryNoise | ResidualNoise | NisScaledNoise | None = None
     screen: ChiSquareScreen | None = None
+    form: Form = field(default="joseph", kw_only=True)
+    steps: int = field(default=1, kw_only=True)
+    horizon: float | None = field(default=None, kw_only=True)
     _core: _trackrs.Filter = field(init=False, repr=False, compare=False)
 
     @property
@@ -42,16 +50,13 @@ class _SequenceFilter:
         if self.screen is not None:
             core = core.with_screen(self.screen.alpha, self.screen.mode, self.screen.restart, self.screen.allowance)
         if self.adapt is not None:
-            rule = self.adapt
-            core = core.with_adaptation(
-                rule.window,
-                rule.r_window,
-                rule.method,
-                (rule.q_form, rule.r_form),
-                rule.first_epoch,
-                rule.q_limits,
-                rule.r_limits,
-            )
+            core = self.adapt._apply(core)
+        if self.form != "joseph":
+            core = core.with_form(self.form)
+        if self.steps != 1:
+            core = core.with_steps(self.steps)
+        if self.horizon is not None:
+            core = core.with_horizon(self.horizon)
         object.__setattr__(self, "_core", core)
 
     def predict(self, state: GaussianState, time: float, input: ArrayLike | None = None) -> GaussianState:  # noqa: A002
@@ -86,6 +91,7 @@ class _SequenceFilter:
         *,
         initial: GaussianState | None = None,
         inputs: ArrayLike | None = None,
+        lead: Lead = None,
         history: History = "full",
     ) -> FilterRun:
         """Filter T measurements.
@@ -102,10 +108,15 @@ class _SequenceFilter:
                 Components that the sensor adds may be left out.
             inputs: (T, n) known inputs, each added to the state predicted to its time; components that the sensor adds
                 may be left out.
+            lead: predict ahead of every measurement, by so many seconds: a number, (T,) numbers, or "midpoint" for half
+                the interval to the next measurement (of the last one half the interval before), which is the cycle of
+                the helmet paper. The predictions, `lead_means` and `lead_covs` for `lead_times`, know no measurement
+                after their own, and no `inputs`.
             history: keep predicted and filtered estimates ("full"; smoothing needs it), filtered ones, or the last one.
 
         Raises:
-            ParameterError: no initial state given, and the models cannot start one.
+            ParameterError: no initial state given, and the models cannot start one; or `lead` is negative or beyond
+                the filter's `horizon`.
             UnobservableError: no three consecutive measurements could start the run; the message says why.
             TimeError: times decrease.
             DimensionError: shapes do not agree.
@@ -120,7 +131,7 @@ class _SequenceFilter:
         t, z = array(times, "times", 1), array(values, "values", 2)
         u = None if inputs is None else array(inputs, "inputs", 2)
         given = None if initial is None else (initial.time, initial.mean, initial.cov)
-        out = self._core.run(t, z, given, history, u)
+        out = self._core.run(t, z, given, history, u, _lead(lead))
         out["restarts"] = tuple(out["restarts"])
         kept = t[-1:] if history == "last" else t
         return FilterRun(times=frozen(kept.copy()), labels=self.labels, **freeze_columns(out))
@@ -139,6 +150,11 @@ class KalmanFilter(_SequenceFilter):
         sensor: for example `PositionSensor` or `LinearSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
+        steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
+        horizon: longest `lead`, seconds.
 
     Raises:
         ParameterError: a model is not linear.
@@ -170,6 +186,11 @@ class ExtendedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
+        steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
+        horizon: longest `lead`, seconds.
         iterations: most linearisations of the sensor per measurement. Above 1 it is the iterated filter: each is at the
             posterior of the one before (Gauss-Newton), until no component of the state moves by more than 1e-9 of its
             standard deviation. Innovation, NIS and screening are those of the first.
@@ -196,6 +217,119 @@ class ExtendedKalmanFilter(_SequenceFilter):
             raise ParameterError(msg)
         core = _trackrs.Filter.extended(self.motion._core, self.sensor._core, self.iterations)
         self._keep(core.with_second_order() if self.second_order else core)
+
+
+@dataclass(frozen=True, slots=True)
+class UnscentedKalmanFilter(_SequenceFilter):
+    """The unscented Kalman filter: moments of nonlinear models from their values at 2n + 1 sigma points.
+
+    The line that fits best through the points, with their misfit as noise, takes the place of the derivative;
+    screening, noise estimation and smoothing work on it as they do in the extended filter. Of a linear motion and a
+    linear sensor this line is the model itself: then the filter is the Kalman filter, and no points are drawn. Angles
+    are compared on the circle.
+
+    Args:
+        motion: for example `ConstantVelocity` or `CustomMotion`.
+        sensor: for example `RangeBearing` or `CustomSensor`.
+        adapt: estimate the noise while `run` goes on.
+        screen: reject gross errors in `run`.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
+        steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
+        horizon: longest `lead`, seconds.
+        kappa: spread of the points, n + kappa > 0; the centre weighs kappa/(n + kappa).
+        alpha: the scaled form, of spread alpha² (n + kappa), where given.
+        beta: with alpha: 2 (where not given) is best for Gaussians.
+        redraw: draw points again for the measurement. False is the helmet paper as printed: innovation covariance and
+            gain then lack the motion noise of the last prediction step, and the filter is less sure than it could be.
+
+    Raises:
+        ParameterError: n + kappa is not positive; beta without alpha; or form="square_root" with redraw=False or with
+            weights whose covariances are not sums of squares (a negative kappa).
+        DimensionError: the sensor does not fit the motion.
+
+    Reference:
+        Julier, Uhlmann (2004), Proc. IEEE 92(3); Sun, Zhang (2015), spec labels H3 to H16.
+
+    Example:
+        >>> import numpy as np, trackrs as tr
+        >>> motion = tr.ConstantVelocity(dims=2, accel_psd=0.1)
+        >>> ukf = tr.UnscentedKalmanFilter(motion, tr.RangeBearing((0, 0), range_std=1.0, bearing_std=0.01))
+        >>> start = tr.GaussianState([30.0, 40.0, 1.0, 0.0], np.diag([9.0, 9.0, 1.0, 1.0]))
+        >>> run = ukf.run([1.0, 2.0], [[51.0, 0.91], [51.5, 0.89]], initial=start, lead=0.5)
+        >>> run.lead_times
+        array([1.5, 2.5])
+    """
+
+    kappa: float = 0.0
+    alpha: float | None = None
+    beta: float | None = None
+    redraw: bool = True
+
+    def __post_init__(self) -> None:
+        """Build the filter."""
+        if self.alpha is None and self.beta is not None:
+            msg = f"beta = {self.beta} is invalid: belongs to the scaled form, give alpha too"
+            raise ParameterError(msg)
+        beta = 2.0 if self.beta is None else self.beta
+        scale = None if self.alpha is None else (self.alpha, beta)
+        models = self.motion._core, self.sensor._core
+        self._keep(_trackrs.Filter.sigma_points(*models, self.kappa, scale, self.redraw))
+
+    @classmethod
+    def as_printed(
+        cls,
+        motion: Motion,
+        sensor: Sensor,
+        *,
+        r_limits: tuple[float, float],
+        q_floor_psd: float = 0.0,
+        kappa: float = 0.0,
+    ) -> UnscentedKalmanFilter:
+        """Return the filter that the helmet paper prints, for comparison: do not use it to predict.
+
+        Two half steps with the whole Q in each, points not drawn again for the measurement, R and Q from all residuals
+        by (17) to (20). R has the wrong sign: it falls to its lower limit, about which the paper says nothing, and the
+        estimate becomes the measurement.
+        """
+        rule = ResidualNoise(r_limits=r_limits, r="paper", q="paper", q_floor_psd=q_floor_psd)
+        return cls(motion, sensor, adapt=rule, steps=2, kappa=kappa, redraw=False)
+
+
+@dataclass(frozen=True, slots=True)
+class CubatureKalmanFilter(_SequenceFilter):
+    """The cubature Kalman filter: `UnscentedKalmanFilter` with kappa = 0, 2n points of equal weight.
+
+    Args:
+        motion: for example `ConstantVelocity` or `CustomMotion`.
+        sensor: for example `RangeBearing` or `CustomSensor`.
+        adapt: estimate the noise while `run` goes on.
+        screen: reject gross errors in `run`.
+        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
+            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
+            screening, noise estimation and smoothing work on these products, in their plain form.
+        steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
+        horizon: longest `lead`, seconds.
+
+    Raises:
+        DimensionError: the sensor does not fit the motion.
+
+    Reference:
+        Arasaratnam, Haykin (2009), IEEE Trans. AC 54(6).
+    """
+
+    def __post_init__(self) -> None:
+        """Build the filter."""
+        self._keep(_trackrs.Filter.sigma_points(self.motion._core, self.sensor._core, 0.0, None, redraw=True))
+
+
+def _lead(lead: Lead) -> float | list[float] | str | None:
+    if lead is None or isinstance(lead, str):
+        return lead
+    if np.ndim(lead) == 0:
+        return float(lead)  # type: ignore[arg-type]
+    return [float(seconds) for seconds in array(lead, "lead", 1)]
 
 
 def start_state(

@@ -10,7 +10,7 @@ from trackrs._arrays import FloatArray, array, frozen, per_axis
 from trackrs.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -201,3 +201,57 @@ class LinearMotion(Motion):
         """Build the model."""
         core = _trackrs.Motion.linear(array(self.F, "F", 2), array(self.Q, "Q", 2))
         object.__setattr__(self, "_core", core)
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class CustomMotion(Motion):
+    """A motion by Python functions of many states at once, for filters over one target.
+
+    Args:
+        f: called as `f(states, dt)` with states (k, n), returns them `dt` seconds later (k, n). It is not called for
+            dt = 0, which moves nothing.
+        noise: Q (n, n), added once per positive time step whatever its length, or a function `noise(dt)` that returns
+            it.
+        labels: names of the state's n components. None: x0, x1, ... as many as `noise` has, if it is a matrix.
+        jacobian: called as `jacobian(states, dt)`, returns the derivatives (k, n, n). None: by central differences.
+            Sigma points do not need it.
+
+    Raises:
+        DimensionError: `noise` does not fit `labels`; in use, when a function returns another shape than it should.
+        NonFiniteError: in use, when a function returns a number that is not finite. Exceptions of the functions come
+            out as they are.
+
+    Example:
+        >>> import numpy as np, trackrs as tr
+        >>> def swing(states, dt):
+        ...     angle, rate = states.T
+        ...     rate = rate - dt * 9.81 * np.sin(angle)
+        ...     return np.stack([angle + dt * rate, rate], axis=1)
+        >>> motion = tr.CustomMotion(swing, 1e-4 * np.eye(2), labels=("angle", "rate"))
+        >>> sensor = tr.CustomSensor(lambda states: np.sin(states[:, :1]), [[0.01]])
+        >>> ukf = tr.UnscentedKalmanFilter(motion, sensor)
+        >>> ukf.predict(tr.GaussianState([0.1, 0.0], 0.01 * np.eye(2)), 0.01).mean.round(4)
+        array([ 0.0999, -0.0097])
+    """
+
+    f: Callable[[FloatArray, float], ArrayLike]
+    jacobian: Callable[[FloatArray, float], ArrayLike] | None
+
+    def __init__(
+        self,
+        f: Callable[[FloatArray, float], ArrayLike],
+        noise: ArrayLike | Callable[[float], ArrayLike],
+        *,
+        labels: Sequence[str] | None = None,
+        jacobian: Callable[[FloatArray, float], ArrayLike] | None = None,
+    ) -> None:
+        """Build the model."""
+        given = noise if callable(noise) else array(noise, "noise", 2)
+        if labels is None:
+            if callable(given):
+                msg = "labels is missing: with noise as a function nothing else says how long the state is"
+                raise ParameterError(msg)
+            labels = [f"x{i}" for i in range(len(given))]
+        object.__setattr__(self, "f", f)
+        object.__setattr__(self, "jacobian", jacobian)
+        object.__setattr__(self, "_core", _trackrs.Motion.custom(f, given, list(labels), jacobian))

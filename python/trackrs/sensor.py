@@ -13,7 +13,7 @@ from trackrs.errors import DimensionError, ParameterError
 from trackrs.types import Fix, freeze_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -40,6 +40,11 @@ class Sensor:
     def extra_labels(self) -> tuple[str, ...]:
         """Names of the components that the sensor adds to the end of a filter's state; most sensors add none."""
         return tuple(self._core.extra_labels)
+
+    @property
+    def angles(self) -> tuple[int, ...]:
+        """Which components are angles, in radians: their differences wrap."""
+        return tuple(self._core.angles)
 
     def noise(self) -> FloatArray:
         """Return R, (m, m)."""
@@ -415,3 +420,37 @@ class LinearSensor(Sensor):
         h, r = array(self.H, "H", 2), array(self.R, "R", 2)
         d = np.zeros(h.shape[0]) if self.offset is None else array(self.offset, "offset", 1)
         object.__setattr__(self, "_core", _trackrs.Sensor.linear(h, r, d))
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class CustomSensor(Sensor):
+    """A sensor by Python functions of many states at once, for filters over one target.
+
+    Args:
+        h: called as `h(states)` with states (k, n), returns what is expected of them (k, m).
+        noise: R (m, m).
+        angles: which components are angles, in radians; their differences and means wrap by themselves.
+        jacobian: called as `jacobian(states)`, returns the derivatives (k, m, n). None: by central differences. Sigma
+            points do not need it.
+
+    Raises:
+        ParameterError: `noise` is not a covariance, or `angles` names a component that is not there.
+        DimensionError, NonFiniteError: in use, when a function returns another shape than it should, or a number that
+            is not finite. Exceptions of the functions come out as they are.
+    """
+
+    h: Callable[[FloatArray], ArrayLike]
+    jacobian: Callable[[FloatArray], ArrayLike] | None
+
+    def __init__(
+        self,
+        h: Callable[[FloatArray], ArrayLike],
+        noise: ArrayLike,
+        *,
+        angles: Sequence[int] = (),
+        jacobian: Callable[[FloatArray], ArrayLike] | None = None,
+    ) -> None:
+        """Build the model."""
+        object.__setattr__(self, "h", h)
+        object.__setattr__(self, "jacobian", jacobian)
+        object.__setattr__(self, "_core", _trackrs.Sensor.custom(h, array(noise, "noise", 2), list(angles), jacobian))

@@ -199,6 +199,8 @@ class FilterRun:
             degrees of freedom as it has observed components; empty without a screen.
         q_hat, r_hat: (T, d, d) and (T, m, m) noise in force after each measurement; empty without `adapt`.
         restarts: rows at which the filter started anew, after a lock-out or a long gap.
+        lead_times, lead_means, lead_covs: (T,) seconds, (T, n) and (T, n, n): the predictions ahead made after each
+            measurement; empty without `lead`.
         log_likelihood: sum over all measurements.
         labels: names of the state's components.
         start: first row of the run with an estimate, counted in the times given to `run`: 0 where an initial state was
@@ -221,6 +223,9 @@ class FilterRun:
     p_values: FloatArray
     q_hat: FloatArray
     r_hat: FloatArray
+    lead_times: FloatArray
+    lead_means: FloatArray
+    lead_covs: FloatArray
     restarts: tuple[int, ...]
     log_likelihood: float
     labels: tuple[str, ...]

@@ -1,11 +1,36 @@
 //! `trackrs::Error` to the exceptions of `trackrs.errors`, and panics to `InternalError`.
 
+use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 use trackrs::Error;
+
+thread_local! {
+    /// What a Python function called by the core has raised, until the call into the core ends.
+    static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
+}
+
+/// Keeps the exception of a Python function, to be raised as it is when the core returns.
+pub(crate) fn keep_raised(error: PyErr) {
+    RAISED.with_borrow_mut(|raised| {
+        raised.get_or_insert(error);
+    });
+}
+
+/// The same for an error found where the core cannot be told.
+pub(crate) fn keep_error(error: &Error) {
+    Python::attach(|py| {
+        let error = to_python(py, error);
+        keep_raised(error);
+    });
+}
+
+fn raised() -> Option<PyErr> {
+    RAISED.with_borrow_mut(Option::take)
+}
 
 static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
 
@@ -21,9 +46,12 @@ pub(crate) fn exception(py: Python<'_>, name: &str, message: String) -> PyErr {
 
 /// The exception for an error of the core.
 pub(crate) fn to_python(py: Python<'_>, error: &Error) -> PyErr {
+    if let Some(raised) = raised() {
+        return raised;
+    }
     let name = match error {
         Error::NotPositiveDefinite { .. } => "NotPositiveDefiniteError",
-        Error::DimensionMismatch { .. } => "DimensionError",
+        Error::DimensionMismatch { .. } | Error::Shape { .. } => "DimensionError",
         Error::NonFinite { .. } => "NonFiniteError",
         Error::InvalidParameter { .. } => "ParameterError",
         Error::TimeReversed { .. } => "TimeError",
@@ -39,7 +67,7 @@ pub(crate) fn to_python(py: Python<'_>, error: &Error) -> PyErr {
 /// Runs `work` with the interpreter released. Errors and panics become exceptions.
 pub(crate) fn compute<T: Send>(py: Python<'_>, work: impl FnOnce() -> trackrs::Result<T> + Send) -> PyResult<T> {
     match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
-        Ok(Ok(value)) => Ok(value),
+        Ok(Ok(value)) => raised().map_or(Ok(value), Err),
         Ok(Err(error)) => Err(to_python(py, &error)),
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);

@@ -7,17 +7,20 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
-use trackrs::filter::noise::{EigenLimits, LimitedMemoryNoise, NoiseMethod, QForm, RForm};
+use trackrs::filter::nis_noise::NisScaledNoise;
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
 use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
 use trackrs::filter::search::Start;
 use trackrs::filter::sequence::{self, History, InitialState, Sequence};
+use trackrs::filter::sigma_points::SigmaPoints;
+use trackrs::filter::square_root::Form;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
+use crate::options;
 
 /// Work between two looks for Ctrl-C, and rows between two looks at the clock.
 const CHUNK: Duration = Duration::from_millis(50);
@@ -70,6 +73,9 @@ pub(crate) struct Run<'py> {
     p_values: Bound<'py, PyArray1<f64>>,
     q_hat: Bound<'py, PyArray3<f64>>,
     r_hat: Bound<'py, PyArray3<f64>>,
+    lead_times: Bound<'py, PyArray1<f64>>,
+    lead_means: Bound<'py, PyArray2<f64>>,
+    lead_covs: Bound<'py, PyArray3<f64>>,
     restarts: Vec<usize>,
     log_likelihood: f64,
     start: usize,
@@ -97,6 +103,82 @@ impl Filter {
     /// The same filter with the curvature of the sensor in its updates.
     fn with_second_order(&self, py: Python<'_>) -> PyResult<Self> {
         let filter = compute(py, || self.filter.clone().with_second_order())?;
+        Ok(Self { filter })
+    }
+
+    /// Unscented, scaled where alpha is given; cubature is kappa = 0.
+    #[staticmethod]
+    fn sigma_points(
+        py: Python<'_>,
+        motion: &Motion,
+        sensor: &Sensor,
+        kappa: f64,
+        scale: Option<(f64, f64)>,
+        redraw: bool,
+    ) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let points = match scale {
+                Some((alpha, beta)) => SigmaPoints::scaled(alpha, beta, kappa)?,
+                None => SigmaPoints::unscented(kappa),
+            };
+            let points = if redraw { points } else { points.carried() };
+            sequence::Filter::sigma_points(motion.model.clone(), sensor.model.clone(), points)
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with its covariances carried in another form.
+    fn with_form(&self, py: Python<'_>, form: &str) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let form = match form {
+                "joseph" => Form::Joseph,
+                "square_root" => Form::SquareRoot,
+                other => {
+                    let requirement = "must be joseph or square_root";
+                    return Err(trackrs::Error::invalid("form", other, requirement));
+                }
+            };
+            self.filter.clone().with_form(form)
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with each prediction in so many steps.
+    fn with_steps(&self, py: Python<'_>, steps: i64) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_steps(count("steps", steps)?))?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with a longest lead, seconds.
+    fn with_horizon(&self, py: Python<'_>, horizon: f64) -> PyResult<Self> {
+        let filter = compute(py, || self.filter.clone().with_horizon(horizon))?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with its noise estimated from residuals; `memory` is its name, its window and its factor.
+    #[allow(clippy::too_many_arguments)]
+    fn with_residual_noise(
+        &self,
+        py: Python<'_>,
+        memory: (String, i64, f64),
+        r: &str,
+        q: Option<&str>,
+        r_limits: (f64, f64),
+        q_floor: f64,
+        diagonal: bool,
+        first_epoch: i64,
+    ) -> PyResult<Self> {
+        let filter = compute(py, || {
+            let rule = options::residual_noise(&memory, r, q, r_limits, q_floor, diagonal, first_epoch)?;
+            self.filter.clone().with_adaptation(rule)
+        })?;
+        Ok(Self { filter })
+    }
+
+    /// The same filter with its motion noise scaled by the innovations.
+    fn with_nis_noise(&self, py: Python<'_>, psd_limits: [f64; 2], eta: f64, cap: f64) -> PyResult<Self> {
+        let rule = NisScaledNoise { psd_limits, eta, cap };
+        let filter = compute(py, || self.filter.clone().with_adaptation(rule))?;
         Ok(Self { filter })
     }
 
@@ -145,34 +227,8 @@ impl Filter {
         r_limits: (f64, f64),
     ) -> PyResult<Self> {
         let filter = compute(py, || {
-            let refused =
-                |name: &str, value: &str, requirement: &str| Err(trackrs::Error::invalid(name, value, requirement));
-            let method = match method {
-                "em" => NoiseMethod::Em,
-                "map" => NoiseMethod::Map,
-                other => return refused("method", other, "must be em or map"),
-            };
-            let q_form = match forms.0.as_str() {
-                "input" => QForm::Input,
-                "full" => QForm::Full,
-                other => return refused("q_form", other, "must be input or full"),
-            };
-            let r_form = match forms.1.as_str() {
-                "diagonal" => RForm::Diagonal,
-                "full" => RForm::Full,
-                other => return refused("r_form", other, "must be diagonal or full"),
-            };
-            let limits = |(min, max): (f64, f64)| EigenLimits { min, max };
-            self.filter.clone().with_adaptation(LimitedMemoryNoise {
-                window: count("window", window)?,
-                r_window: r_window.map(|window| count("r_window", window)).transpose()?,
-                method,
-                q_form,
-                r_form,
-                first_epoch: count("first_epoch", first_epoch)?,
-                q_limits: limits(q_limits),
-                r_limits: limits(r_limits),
-            })
+            let rule = options::limited_memory(window, r_window, method, &forms, first_epoch, [q_limits, r_limits])?;
+            self.filter.clone().with_adaptation(rule)
         })?;
         Ok(Self { filter })
     }
@@ -224,7 +280,7 @@ impl Filter {
     }
 
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (times, values, initial, history, inputs=None))]
+    #[pyo3(signature = (times, values, initial, history, inputs=None, lead=None))]
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -233,12 +289,19 @@ impl Filter {
         initial: Option<Initial<'py>>,
         history: &str,
         inputs: Option<PyReadonlyArray2<'py, f64>>,
+        lead: Option<options::Lead>,
     ) -> PyResult<Run<'py>> {
+        let times_given = array::c_slice(&times, "times")?;
+        let leads = lead
+            .map(|lead| lead.seconds(times_given, self.filter.horizon()))
+            .transpose();
+        let leads = leads.map_err(|error| to_python(py, &error))?;
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         require_width(py, "measurement", m, values.shape()[1])?;
         let inputs = inputs.map(|inputs| self.complete_inputs(py, &inputs, n)).transpose()?;
         let given = Given {
-            times: array::c_slice(&times, "times")?,
+            leads: leads.as_deref(),
+            times: times_given,
             values: array::c_slice(&values, "values")?,
             inputs: inputs.as_deref(),
         };
@@ -264,11 +327,14 @@ impl Filter {
             (initial, FilterRun::of(&self.filter), 0)
         } else {
             let start = self.find_start(py, &given, n)?;
-            let run = self.filter.begun(&start, history);
+            let run = self.filter.begun(&start, history, leads.is_some());
             (start.initial, run, start.row + 1)
         };
         run.reserve(given.times.len() - begin, history);
         let mut runner = compute(py, || Runner::new(&self.filter, &initial))?;
+        if let (Some(leads), 1..) = (&leads, begin) {
+            compute(py, || runner.look_ahead(leads[begin - 1], history, &mut run))?;
+        }
         let mut row = begin;
         while row < given.times.len() {
             // A copy, because another thread may write to the arrays while the interpreter is released.
@@ -296,6 +362,7 @@ impl Filter {
 
 /// The arrays given to a run.
 struct Given<'a> {
+    leads: Option<&'a [f64]>,
     times: &'a [f64],
     values: &'a [f64],
     inputs: Option<&'a [f64]>,
@@ -303,6 +370,7 @@ struct Given<'a> {
 
 /// A copy of some of their rows.
 struct Piece {
+    leads: Option<Vec<f64>>,
     times: Vec<f64>,
     values: Vec<f64>,
     inputs: Option<Vec<f64>>,
@@ -313,6 +381,7 @@ impl Given<'_> {
     fn piece(&self, rows: Range<usize>, m: usize, n: usize) -> Piece {
         let part = |array: &[f64], width: usize| array[rows.start * width..rows.end * width].to_vec();
         Piece {
+            leads: self.leads.map(|leads| part(leads, 1)),
             times: part(self.times, 1),
             values: part(self.values, m),
             inputs: self.inputs.map(|inputs| part(inputs, n)),
@@ -327,6 +396,7 @@ impl Piece {
             times: &self.times,
             measurements: &self.values,
             inputs: self.inputs.as_deref(),
+            leads: self.leads.as_deref(),
             first_row: self.first_row,
         }
     }
@@ -398,6 +468,9 @@ impl Filter {
             p_values: PyArray1::from_iter(py, run.screened.iter().map(|s| s.p_value)),
             q_hat: array::from_matrices(py, run.q_hat)?,
             r_hat: array::from_matrices(py, run.r_hat)?,
+            lead_times: PyArray1::from_vec(py, run.lead_times),
+            lead_means: array::from_vectors(py, run.leads.means)?,
+            lead_covs: array::from_matrices(py, run.leads.covs)?,
             restarts: run.restarts,
             log_likelihood: run.log_likelihood,
             start: run.start,

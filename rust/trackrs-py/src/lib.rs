@@ -4,12 +4,14 @@
 
 mod array;
 mod association;
+mod custom;
 mod error;
 mod filter;
 mod fusion;
 mod geodesy;
 mod metric;
 mod model;
+mod options;
 mod pose;
 mod rotation;
 mod sim;

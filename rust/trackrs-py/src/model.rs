@@ -14,6 +14,7 @@ use trackrs::model::{Motion as _, MotionModel, Sensor as _, SensorModel};
 use trackrs::{Error, Result};
 
 use crate::array;
+use crate::custom::{CustomMotion, CustomSensor, Function};
 use crate::error::{compute, to_python};
 use crate::pose::{self, PoseFix};
 
@@ -79,6 +80,28 @@ impl Motion {
         })
     }
 
+    #[staticmethod]
+    #[pyo3(signature = (f, noise, labels, jacobian=None))]
+    fn custom(
+        py: Python<'_>,
+        f: &Bound<'_, PyAny>,
+        noise: &Bound<'_, PyAny>,
+        labels: Vec<String>,
+        jacobian: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let f = Function::new("f of CustomMotion", f);
+        let jacobian = jacobian.map(|j| Function::new("jacobian of CustomMotion", j));
+        let model = if noise.is_callable() {
+            CustomMotion::with_noise_of_step(f, Function::new("noise of CustomMotion", noise), labels, jacobian)
+        } else {
+            let noise = array::matrix(&noise.extract()?, "noise")?;
+            compute(py, || CustomMotion::with_fixed_noise(f, noise, labels, jacobian))?
+        };
+        Ok(Self {
+            model: MotionModel::Custom(model),
+        })
+    }
+
     #[getter]
     fn state_dim(&self) -> usize {
         self.model.state_dim()
@@ -91,11 +114,13 @@ impl Motion {
 
     fn transition<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let origin = DVector::zeros(self.model.state_dim());
-        array::from_matrix(py, &self.model.jacobian(&origin, dt))
+        let matrix = compute(py, || Ok(self.model.jacobian(&origin, dt)))?;
+        array::from_matrix(py, &matrix)
     }
 
     fn noise<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        array::from_matrix(py, &self.model.noise(dt))
+        let matrix = compute(py, || Ok(self.model.noise(dt)))?;
+        array::from_matrix(py, &matrix)
     }
 }
 
@@ -299,6 +324,29 @@ impl Sensor {
         Ok(Self {
             model: SensorModel::Linear(compute(py, || LinearSensor::new(h, r, d))?),
         })
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (h, noise, angles, jacobian=None))]
+    fn custom(
+        py: Python<'_>,
+        h: &Bound<'_, PyAny>,
+        noise: PyReadonlyArray2<'_, f64>,
+        angles: Vec<usize>,
+        jacobian: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let noise = array::matrix(&noise, "noise")?;
+        let h = Function::new("h of CustomSensor", h);
+        let jacobian = jacobian.map(|j| Function::new("jacobian of CustomSensor", j));
+        let model = compute(py, || CustomSensor::new(h, noise, angles, jacobian))?;
+        Ok(Self {
+            model: SensorModel::Custom(model),
+        })
+    }
+
+    #[getter]
+    fn angles(&self) -> Vec<usize> {
+        self.model.angles().to_vec()
     }
 
     #[getter]

@@ -29,6 +29,16 @@ pub enum Error {
         /// The size it has.
         found: usize,
     },
+    /// An array has another shape than it must have.
+    #[error("{what} has shape {found:?}, expected {expected:?}")]
+    Shape {
+        /// Which array.
+        what: String,
+        /// The shape it must have.
+        expected: Vec<usize>,
+        /// The shape it has.
+        found: Vec<usize>,
+    },
     /// A number that must be finite is NaN or infinite.
     #[error("{what} is not finite at index {index}")]
     NonFinite {
@@ -75,6 +85,14 @@ pub enum Error {
     #[error("saved state cannot be read: {reason}")]
     CorruptState {
         /// Why.
+        reason: String,
+    },
+    /// A function from outside the library failed.
+    #[error("{name} failed: {reason}")]
+    Callable {
+        /// Which function.
+        name: String,
+        /// What it says.
         reason: String,
     },
     /// A value cannot be saved, because it holds a model from outside the library.

@@ -100,7 +100,7 @@ fn prediction_over_no_time_is_the_identity() {
         mean: DVector::from_column_slice(&values[..6]),
         cov: spd(6, &values),
     };
-    assert_eq!(predict(&state, &motion, 0.0, None), state);
+    assert_eq!(predict(&state, &motion, 0.0, None).unwrap(), state);
 }
 
 #[test]

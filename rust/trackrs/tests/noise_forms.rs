@@ -4,6 +4,7 @@ use approx::assert_relative_eq;
 use nalgebra::{DMatrix, DVector};
 use rand_pcg::{Pcg64, rand_core::Rng};
 use trackrs::Gaussian;
+use trackrs::filter::adaptation::Adaptation;
 use trackrs::filter::noise::{LimitedMemoryNoise, NoiseEstimate, NoiseMethod, QForm, RForm};
 use trackrs::filter::runner::Runner;
 use trackrs::filter::sequence::{Filter, History, InitialState};
@@ -137,7 +138,10 @@ fn both(motion: &MotionModel, times: &[f64], rule: LimitedMemoryNoise) -> Both {
     }
     let sum = q[1..].iter().fold(q[0].clone(), |sum, q| sum + q);
     Both {
-        ours: runner.memory().unwrap().estimate(),
+        ours: match runner.memory() {
+            Some(Adaptation::LimitedMemory(memory)) => memory.estimate(),
+            other => panic!("{other:?}"),
+        },
         written_out: NoiseEstimate {
             q: sum / steps,
             r: r.component_div(&uses),

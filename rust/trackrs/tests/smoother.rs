@@ -341,6 +341,7 @@ fn a_run_in_two_parts_is_the_whole_run() {
         times: &problem.times,
         measurements: &flat,
         inputs: None,
+        leads: None,
         first_row: 0,
     };
     let mut runner = Runner::new(&filter, &problem.initial).unwrap();

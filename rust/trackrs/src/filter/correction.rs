@@ -4,6 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::kalman::{MeasurementPrediction, Update};
+use super::measured_root::RootScratch;
 use crate::error::{Error, Result};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::kernel::{self, known, sized};
@@ -19,6 +20,7 @@ pub(super) struct Scratch {
     seen: Vec<f64>,
     /// (K R − B Hᵀ)ᵀ, m×n.
     rest: Vec<f64>,
+    root: RootScratch,
 }
 
 impl Scratch {
@@ -41,6 +43,14 @@ impl MeasurementPrediction {
     ) {
         let (n, m) = (self.n, self.m);
         scratch.fit(n, m);
+        if self.given {
+            self.subtract_into(prior, innovation, &mut scratch.gain, out);
+            return;
+        }
+        if let Some(root) = &self.root {
+            root.posterior_into(prior, innovation, &mut scratch.root, &mut scratch.gain, out);
+            return;
+        }
         match m {
             // The common numbers of components as constants too: the loops over them are in the middle of everything.
             1 => sized!(joseph_of_one(n, self, prior, innovation, scratch, out)),
@@ -48,6 +58,24 @@ impl MeasurementPrediction {
             3 => sized!(joseph_of_three(n, self, prior, innovation, scratch, out)),
             4 => sized!(joseph_of_four(n, self, prior, innovation, scratch, out)),
             _ => sized!(joseph_of_many(n, self, prior, innovation, scratch, out)),
+        }
+    }
+}
+
+impl MeasurementPrediction {
+    /// The posterior P − (L⁻¹ H P)ᵀ (L⁻¹ H P) of a given S = L Lᵀ and H P.
+    fn subtract_into(&self, prior: GaussianRef<'_>, innovation: &[f64], gain: &mut [f64], out: &mut Gaussian) {
+        let (n, m) = (self.n, self.m);
+        gain.copy_from_slice(&self.cross[..m * n]);
+        kernel::solve_lower::<0>(m, n, &self.lower, gain);
+        let cov = out.cov.as_mut_slice();
+        kernel::subtract_transposed_product::<0>(n, prior.cov, gain, gain, cov);
+        kernel::symmetrise(n, cov);
+        kernel::solve_upper::<0>(m, n, &self.lower, gain);
+        let mean = out.mean.as_mut_slice();
+        mean.copy_from_slice(prior.mean);
+        for (row, &r) in gain.chunks_exact(n.max(1)).zip(innovation) {
+            kernel::add_scaled(mean, r, row);
         }
     }
 }
@@ -86,7 +114,9 @@ fn joseph<const N: usize>(
     out: &mut Gaussian,
 ) {
     let hp = &expected.cross[..m * n];
-    let Scratch { gain, left, seen, rest } = scratch;
+    let Scratch {
+        gain, left, seen, rest, ..
+    } = scratch;
     let (gain, left, seen, rest) = (
         &mut gain[..m * n],
         &mut left[..n * n],
@@ -142,6 +172,20 @@ impl Correction {
             part: MeasurementPrediction::sized(n, 0),
             scratch: Scratch::default(),
         }
+    }
+
+    /// The gain transposed, m×n row by row, with rows of zeros for what was not observed.
+    pub(super) fn gain_into(&self, n: usize, out: &mut [f64]) {
+        out.fill(0.0);
+        for (row, &i) in self.scratch.gain.chunks_exact(n.max(1)).zip(&self.observed) {
+            out[i * n..(i + 1) * n].copy_from_slice(row);
+        }
+    }
+
+    /// The factor of the posterior's covariance, after an update in square-root form that observed anything.
+    pub(super) fn factor(&self) -> Option<&[f64]> {
+        let factor = &self.scratch.root.factor;
+        (self.dof > 0 && !factor.is_empty()).then_some(factor)
     }
 
     /// Updates `prior`; NaN components of the innovation count as not observed.

@@ -23,19 +23,19 @@
 
 use nalgebra::DVector;
 
-use super::correction::Correction;
 use super::kalman::{MeasurementPrediction, Update, copy_rows};
+use super::look::{Look, Target};
+use super::sigma_points::SigmaPoints;
+use super::square_root::{Form, factor_of};
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
-use crate::linalg::kernel;
 use crate::model::Sensor;
-use crate::model::sensor::wrap_angle;
 
 /// An iteration that moves every component of the state by less than this share of its standard deviation is the last.
 pub const SMALL_STEP: f64 = 1e-9;
 
-/// How a sensor that is not linear is linearised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How models that are not linear are linearised.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Rule {
     /// At the state before the measurement.
     Once,
@@ -43,6 +43,8 @@ pub enum Rule {
     Iterated(usize),
     /// At the state before the measurement, with the sensor's curvature.
     SecondOrder,
+    /// Not at all: moments come from sigma points ([`super::sigma_points`]), of the motion too.
+    SigmaPoints(SigmaPoints),
 }
 
 /// What a sensor is expected to report of one state, linearised there.
@@ -55,7 +57,7 @@ pub struct Linearised {
 }
 
 impl Linearised {
-    fn sized(n: usize, m: usize) -> Self {
+    pub(super) fn sized(n: usize, m: usize) -> Self {
         Self {
             expected: DVector::zeros(m),
             prediction: MeasurementPrediction::sized(n, m),
@@ -63,7 +65,12 @@ impl Linearised {
     }
 
     /// h and H at `mean`.
-    fn at(&mut self, mean: &DVector<f64>, sensor: &dyn Sensor, platform: Option<&DVector<f64>>) -> Result<()> {
+    pub(super) fn at(
+        &mut self,
+        mean: &DVector<f64>,
+        sensor: &dyn Sensor,
+        platform: Option<&DVector<f64>>,
+    ) -> Result<()> {
         let (expected, jacobian) = (self.expected.as_mut_slice(), &mut self.prediction.jacobian);
         sensor.linearise_into(mean, platform, expected, jacobian)
     }
@@ -78,144 +85,44 @@ pub fn linearise(prior: &Gaussian, sensor: &dyn Sensor, platform: Option<&DVecto
     Ok(out)
 }
 
-/// Updates `prior` by one measurement of length m by this rule; NaN components were not observed.
+/// How a filter finds the moments of its models and carries its covariances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Method {
+    /// How the moments are found.
+    pub rule: Rule,
+    /// How covariances are carried.
+    pub form: Form,
+}
+
+impl From<Rule> for Method {
+    fn from(rule: Rule) -> Self {
+        Self {
+            rule,
+            form: Form::Joseph,
+        }
+    }
+}
+
+/// Updates `prior` by one measurement of length m by this method; NaN components were not observed.
 pub fn update(
     prior: &Gaussian,
     sensor: &dyn Sensor,
     measurement: &DVector<f64>,
     platform: Option<&DVector<f64>>,
-    rule: Rule,
+    method: impl Into<Method>,
 ) -> Result<Update> {
     require_size("measurement", sensor.measurement_dim(), measurement.len())?;
-    let mut look = Look::new(prior.dim(), sensor);
+    let method = method.into();
+    let mut look = Look::new(prior.dim(), sensor, &method)?;
+    let factor = factor_of(method.form, &prior.cov)?;
     let target = Target {
         prior,
+        factor: factor.as_deref(),
+        carried: None,
         sensor,
         platform,
     };
-    look.expect(&target, measurement.as_slice(), rule)?;
-    look.correct(&target, measurement.as_slice(), rule)?;
+    look.expect(&target, measurement.as_slice())?;
+    look.correct(&target, measurement.as_slice())?;
     Ok(look.record())
-}
-
-/// One state and the sensor that sees it.
-#[derive(Clone, Copy)]
-pub(super) struct Target<'a> {
-    pub(super) prior: &'a Gaussian,
-    pub(super) sensor: &'a dyn Sensor,
-    pub(super) platform: Option<&'a DVector<f64>>,
-}
-
-/// A measurement compared with what was expected of it. Its memory serves one epoch after another.
-#[derive(Debug, Clone)]
-pub(super) struct Look {
-    pub(super) linearised: Linearised,
-    /// NaN where not observed; a screen may set more of them before the correction.
-    pub(super) innovation: DVector<f64>,
-    pub(super) correction: Correction,
-    again: Linearised,
-    point: DVector<f64>,
-    pseudo: Vec<f64>,
-}
-
-impl Look {
-    /// Memory for one kind of state and one sensor, whose own R is set.
-    pub(super) fn new(n: usize, sensor: &dyn Sensor) -> Self {
-        let m = sensor.measurement_dim();
-        let mut linearised = Linearised::sized(n, m);
-        copy_rows(&sensor.noise(), &mut linearised.prediction.noise);
-        Self {
-            again: linearised.clone(),
-            linearised,
-            innovation: DVector::zeros(m),
-            correction: Correction::new(n, m),
-            point: DVector::zeros(n),
-            pseudo: vec![0.0; m],
-        }
-    }
-
-    /// Sets R, m×m, for the epochs to come.
-    pub(super) fn set_noise(&mut self, noise: &[f64]) {
-        for linearised in [&mut self.linearised, &mut self.again] {
-            linearised.prediction.noise.copy_from_slice(noise);
-        }
-    }
-
-    /// Linearises at the prior and forms the innovation.
-    pub(super) fn expect(&mut self, target: &Target<'_>, measurement: &[f64], rule: Rule) -> Result<()> {
-        let linearised = &mut self.linearised;
-        linearised.at(&target.prior.mean, target.sensor, target.platform)?;
-        if rule == Rule::SecondOrder
-            && let Some(curvature) = target.sensor.curvature(target.prior).transpose()?
-        {
-            linearised.expected += curvature.shift;
-            // R of the epoch; what it adds to is kept in `again`, which this rule does not use.
-            let own = &self.again.prediction.noise;
-            for (i, noise) in linearised.prediction.noise.iter_mut().enumerate() {
-                *noise = own[i] + curvature.noise.as_slice()[i];
-            }
-        }
-        linearised.prediction.prepare(target.prior.cov.as_slice())?;
-        residual_into(
-            target.sensor,
-            measurement,
-            linearised.expected.as_slice(),
-            self.innovation.as_mut_slice(),
-        );
-        Ok(())
-    }
-
-    /// Corrects the prior by the innovation.
-    pub(super) fn correct(&mut self, target: &Target<'_>, measurement: &[f64], rule: Rule) -> Result<()> {
-        let prior = target.prior;
-        let iterations = if let Rule::Iterated(count) = rule { count } else { 1 };
-        self.correction
-            .apply(&self.linearised.prediction, prior.into(), self.innovation.as_slice())?;
-        if target.sensor.is_linear() || self.correction.dof == 0 {
-            return Ok(());
-        }
-        for _ in 1..iterations {
-            self.point.copy_from(&self.correction.posterior.mean);
-            self.again.at(&self.point, target.sensor, target.platform)?;
-            self.again.prediction.prepare(prior.cov.as_slice())?;
-            residual_into(
-                target.sensor,
-                measurement,
-                self.again.expected.as_slice(),
-                &mut self.pseudo,
-            );
-            let n = prior.dim();
-            for (r, h) in self
-                .pseudo
-                .iter_mut()
-                .zip(self.again.prediction.jacobian.chunks_exact(n.max(1)))
-            {
-                *r -= kernel::dot(h, prior.mean.as_slice()) - kernel::dot(h, self.point.as_slice());
-            }
-            self.correction
-                .again(&self.again.prediction, prior.into(), &self.pseudo)?;
-            let moved = |i: usize| {
-                let step = self.correction.posterior.mean[i] - self.point[i];
-                step * step > SMALL_STEP * SMALL_STEP * prior.cov[(i, i)]
-            };
-            if !(0..n).any(moved) {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    fn record(self) -> Update {
-        self.correction.record(&self.linearised.prediction, self.innovation)
-    }
-}
-
-/// z − h with angles wrapped, NaN where z is.
-fn residual_into(sensor: &dyn Sensor, measurement: &[f64], expected: &[f64], out: &mut [f64]) {
-    for ((r, z), h) in out.iter_mut().zip(measurement).zip(expected) {
-        *r = z - h;
-    }
-    for &i in sensor.angles() {
-        out[i] = wrap_angle(out[i]);
-    }
 }

@@ -24,7 +24,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::correction::{Correction, Scratch};
-use super::prediction::Prediction;
+use super::extended::Rule;
+use super::measured_root::MeasuredRoot;
+use super::prediction::{Course, Prediction};
+use super::square_root::Form;
 use crate::error::{Error, Result, require_size};
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel::{self, BadPivot, known, sized};
@@ -41,10 +44,16 @@ pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
 }
 
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
-pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Gaussian {
-    let mut prediction = Prediction::new(prior.dim());
-    prediction.predict(prior, motion, dt, input.map(DVector::as_slice));
-    prediction.state
+pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {
+    let mut prediction = Prediction::new(prior.dim(), Rule::Once, Form::Joseph);
+    let course = Course {
+        motion,
+        dt,
+        input: input.map(DVector::as_slice),
+        noise: None,
+    };
+    prediction.predict(prior, None, &course)?;
+    Ok(prediction.state)
 }
 
 /// Result of one measurement update.
@@ -79,6 +88,10 @@ pub struct MeasurementPrediction {
     pub(super) cross: Vec<f64>,
     pub(super) cov: DMatrix<f64>,
     pub(super) lower: Vec<f64>,
+    /// Whether S and H P are given, so that P⁺ = P − K S Kᵀ.
+    pub(super) given: bool,
+    /// The same in square-root form.
+    pub(super) root: Option<Box<MeasuredRoot>>,
 }
 
 /// An innovation seen through the covariance it should have.
@@ -106,6 +119,8 @@ impl MeasurementPrediction {
             cross: vec![0.0; m * n],
             cov: DMatrix::zeros(m, m),
             lower: vec![0.0; m * m],
+            given: false,
+            root: None,
         }
     }
 
@@ -124,6 +139,9 @@ impl MeasurementPrediction {
     pub(super) fn prepare(&mut self, cov: &[f64]) -> Result<()> {
         let (n, m) = (self.n, self.m);
         self.sparse.set(n, &self.jacobian);
+        if self.root.is_some() {
+            return self.factorise();
+        }
         sized!(cross(n, &self.sparse, cov, &mut self.cross));
         let s = self.cov.as_mut_slice();
         for (a, seen) in self.cross.chunks_exact(n.max(1)).enumerate() {
@@ -136,10 +154,14 @@ impl MeasurementPrediction {
         self.factorise()
     }
 
-    fn factorise(&mut self) -> Result<()> {
+    pub(super) fn factorise(&mut self) -> Result<()> {
         let m = self.m;
-        self.lower.copy_from_slice(self.cov.as_slice());
-        let factored = sized!(factor(m, &mut self.lower));
+        let factored = if self.root.is_some() {
+            self.prepare_root()
+        } else {
+            self.lower.copy_from_slice(self.cov.as_slice());
+            sized!(factor(m, &mut self.lower))
+        };
         factored.map_err(|pivot| Error::NotPositiveDefinite {
             what: "innovation covariance".into(),
             pivot: pivot.index,
@@ -189,6 +211,7 @@ impl MeasurementPrediction {
     pub(super) fn select_into(&self, components: &[usize], part: &mut Self) -> Result<()> {
         let (n, m, k) = (self.n, self.m, components.len());
         part.m = k;
+        part.given = self.given;
         for matrix in [&mut part.jacobian, &mut part.cross] {
             matrix.resize(k * n, 0.0);
         }
@@ -206,6 +229,7 @@ impl MeasurementPrediction {
             }
         }
         part.sparse.set(n, &part.jacobian);
+        self.select_root(components, part);
         part.factorise()
     }
 

@@ -1,11 +1,11 @@
 //! What a run gives, kept flat: one piece of memory per quantity, whatever the number of epochs.
 
-use super::noise::NoiseMemory;
+use super::adaptation::Adaptation;
 use super::runner::Epoch;
 use super::screen::{Screened, Verdict};
 use super::search::Start;
 use super::sequence::{Filter, History};
-use crate::gaussian::Gaussians;
+use crate::gaussian::{Gaussian, Gaussians};
 use crate::linalg::stack::Stack;
 use crate::model::{Motion, Sensor};
 
@@ -37,6 +37,10 @@ pub struct FilterRun {
     pub r_hat: Stack,
     /// Rows at which the filter started anew after a lock-out.
     pub restarts: Vec<usize>,
+    /// Times of the predictions ahead, seconds; only of a run with leads.
+    pub lead_times: Vec<f64>,
+    /// The predictions ahead, made after every measurement for its time and lead.
+    pub leads: Gaussians,
     /// Sum of the log-likelihoods of all rows.
     pub log_likelihood: f64,
     /// First row of the run with an estimate: 0 when an initial state was given. Rows before it are NaN.
@@ -53,6 +57,7 @@ impl FilterRun {
             motion_noises: Stack::square(n),
             innovations: Stack::vectors(m),
             innovation_covs: Stack::square(m),
+            leads: Gaussians::new(n),
             ..Self::default()
         }
     }
@@ -85,7 +90,7 @@ impl FilterRun {
     }
 
     /// Adds what one epoch gave, row `row` of the run.
-    pub(super) fn push(&mut self, row: usize, epoch: &Epoch<'_>, memory: Option<&NoiseMemory>, history: History) {
+    pub(super) fn push(&mut self, row: usize, epoch: &Epoch<'_>, memory: Option<&Adaptation>, history: History) {
         if history == History::Last {
             self.forget();
         }
@@ -112,12 +117,26 @@ impl FilterRun {
         }
     }
 
-    /// Adds the rows up to and with the one that starts a run.
-    pub(super) fn push_start(&mut self, filter: &Filter, start: &Start, history: History) {
+    /// Adds a prediction ahead.
+    pub(super) fn push_lead(&mut self, time: f64, state: &Gaussian, history: History) {
+        if history == History::Last {
+            self.lead_times.clear();
+            self.leads.clear();
+        }
+        self.lead_times.push(time);
+        self.leads.push(state);
+    }
+
+    /// Adds the rows up to and with the one that starts a run; that one's prediction ahead is not among them.
+    pub(super) fn push_start(&mut self, filter: &Filter, start: &Start, history: History, leads: bool) {
         let rows = if history == History::Last { 1 } else { start.row + 1 };
         self.start = start.row;
         self.filtered.fill_unknown(rows - 1);
         self.filtered.push(&start.initial.state);
+        if leads {
+            self.lead_times = vec![f64::NAN; rows - 1];
+            self.leads.fill_unknown(rows - 1);
+        }
         self.innovations.fill(f64::NAN, rows);
         self.innovation_covs.fill(f64::NAN, rows);
         self.nis = vec![f64::NAN; rows];

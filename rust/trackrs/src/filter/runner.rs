@@ -17,13 +17,15 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::extended::{Look, Target};
-use super::noise::{NoiseMemory, ProcessedEpoch};
-use super::prediction::Prediction;
+use super::adaptation::{Adaptation, Corrected};
+use super::look::{Look, Target};
+use super::noise::ProcessedEpoch;
+use super::prediction::{Course, Prediction, Steps};
 use super::recovery::{Recovery, Row};
 use super::run::FilterRun;
 use super::screen::{Screened, Verdict};
 use super::sequence::{Filter, History, InitialState, Sequence};
+use super::square_root::factor_of;
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::model::{Motion, Sensor};
@@ -33,9 +35,15 @@ pub struct Runner<'a> {
     filter: &'a Filter,
     time: f64,
     state: Gaussian,
+    /// Its factor, in square-root form.
+    factor: Option<Vec<f64>>,
     prediction: Prediction,
+    /// For predictions ahead.
+    ahead: Prediction,
+    between: Gaussian,
     look: Look,
-    memory: Option<NoiseMemory>,
+    memory: Option<Adaptation>,
+    gain: Vec<f64>,
     screened: Option<Screened>,
     allowance: f64,
     /// The measurement with NaN in place of what was rejected.
@@ -75,12 +83,24 @@ impl<'a> Runner<'a> {
             .screen()
             .map_or(0.0, |screen| screen.allowance_for(filter.sensor()));
         let n = state.dim();
+        let method = filter.method();
         Ok(Self {
             filter,
             time: initial.time,
+            factor: factor_of(method.form, &state.cov)?,
+            between: state.clone(),
             state,
-            prediction: Prediction::new(n),
-            look: Look::new(n, filter.sensor()),
+            prediction: Prediction::new(n, method.rule, method.form),
+            ahead: Prediction::new(n, method.rule, method.form),
+            look: Look::new(n, filter.sensor(), method)?,
+            gain: vec![
+                0.0;
+                if memory.is_some() {
+                    n * filter.sensor().measurement_dim()
+                } else {
+                    0
+                }
+            ],
             memory,
             screened: None,
             allowance,
@@ -89,8 +109,13 @@ impl<'a> Runner<'a> {
         })
     }
 
+    /// A factor U of the state's covariance Uᵀ U, n×n row by row, in square-root form.
+    pub fn factor(&self) -> Option<&[f64]> {
+        self.factor.as_deref()
+    }
+
     /// The noise estimator, where one is set.
-    pub fn memory(&self) -> Option<&NoiseMemory> {
+    pub fn memory(&self) -> Option<&Adaptation> {
         self.memory.as_ref()
     }
 
@@ -113,6 +138,61 @@ impl<'a> Runner<'a> {
                 self.memory.as_ref(),
                 history,
             );
+            if let Some(leads) = data.leads {
+                self.look_ahead(leads[row], history, run)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds to `run` the prediction by `lead` seconds from where the runner is.
+    pub fn look_ahead(&mut self, lead: f64, history: History, run: &mut FilterRun) -> Result<()> {
+        let motion = self.filter.motion();
+        let noise = match &mut self.memory {
+            Some(memory) => Some(memory.step_noise(motion, lead)?),
+            None => None,
+        };
+        let course = Course {
+            motion,
+            dt: lead,
+            input: None,
+            noise,
+        };
+        self.ahead.predict(&self.state, self.factor.as_deref(), &course)?;
+        run.push_lead(self.time + lead, &self.ahead.state, history);
+        Ok(())
+    }
+
+    /// Predicts the state to `dt` seconds later, in as many steps as the filter takes.
+    fn predict(&mut self, dt: f64, input: Option<&[f64]>) -> Result<()> {
+        let motion = self.filter.motion();
+        let steps = self.filter.steps();
+        let dt = dt / steps as f64;
+        let mut earlier: Option<Steps> = None;
+        for step in 0..steps {
+            let noise = match &mut self.memory {
+                Some(memory) => Some(memory.step_noise(motion, dt)?),
+                None => None,
+            };
+            let course = Course {
+                motion,
+                dt,
+                input: input.filter(|_| step + 1 == steps),
+                noise,
+            };
+            if step == 0 {
+                self.prediction.predict(&self.state, self.factor.as_deref(), &course)?;
+            } else {
+                self.between.clone_from(&self.prediction.state);
+                let factor = self.prediction.factor().map(<[f64]>::to_vec);
+                self.prediction.predict(&self.between, factor.as_deref(), &course)?;
+            }
+            if let Some(earlier) = &earlier {
+                self.prediction.join(earlier);
+            }
+            if step + 1 < steps {
+                earlier = Some(Steps::from(&self.prediction));
+            }
         }
         Ok(())
     }
@@ -142,13 +222,9 @@ impl<'a> Runner<'a> {
     /// Whether the filter started anew.
     fn advance_to(&mut self, time: f64, measurement: &[f64], input: Option<&[f64]>) -> Result<bool> {
         let (motion, sensor) = (self.filter.motion(), self.filter.sensor());
-        let dt = time - self.time;
-        if let Some(memory) = &mut self.memory {
-            let noise = memory.step_noise(motion, dt)?;
-            self.prediction.predict_with(&self.state, motion, dt, input, noise);
-            self.look.set_noise(memory.r().as_slice());
-        } else {
-            self.prediction.predict(&self.state, motion, dt, input);
+        self.predict(time - self.time, input)?;
+        if let Some(memory) = &self.memory {
+            self.look.set_noise(memory.r().as_slice())?;
         }
         let row = Row {
             time,
@@ -163,10 +239,12 @@ impl<'a> Runner<'a> {
         }
         let target = Target {
             prior: &self.prediction.state,
+            factor: self.prediction.factor(),
+            carried: self.prediction.carried(),
             sensor,
             platform: None,
         };
-        self.look.expect(&target, &self.used, self.filter.rule())?;
+        self.look.expect(&target, &self.used)?;
         if let Some(screen) = self.filter.screen() {
             let expected = &self.look.linearised.prediction;
             let jacobian = DMatrix::from_row_slice(measurement.len(), self.state.dim(), expected.jacobian());
@@ -179,9 +257,15 @@ impl<'a> Runner<'a> {
             }
             self.screened = Some(outcome);
         }
-        self.look.correct(&target, &self.used, self.filter.rule())?;
+        self.look.correct(&target, &self.used)?;
         self.time = time;
         std::mem::swap(&mut self.state, &mut self.look.correction.posterior);
+        if let (Some(factor), Some(found)) = (
+            &mut self.factor,
+            self.look.correction.factor().or(self.prediction.factor()),
+        ) {
+            factor.copy_from_slice(found);
+        }
         let found = if let Some(held) = held {
             held.start
         } else {
@@ -191,6 +275,7 @@ impl<'a> Runner<'a> {
             start.inspect(|start| self.prediction.cut(start))
         };
         if let Some(start) = found {
+            self.factor = factor_of(self.filter.method().form, &start.cov)?;
             self.state = start;
             if let Some(memory) = &mut self.memory {
                 memory.restart((&self.state).into());
@@ -206,7 +291,15 @@ impl<'a> Runner<'a> {
                 measurement: &self.used,
                 platform: None,
             };
-            memory.push(&epoch, sensor)?;
+            let correction = &self.look.correction;
+            correction.gain_into(self.state.dim(), &mut self.gain);
+            let corrected = Corrected {
+                innovation: self.look.innovation.as_slice(),
+                gain: &self.gain,
+                nis: correction.nis,
+                dof: correction.dof,
+            };
+            memory.push(&epoch, &corrected, sensor)?;
         }
         Ok(false)
     }

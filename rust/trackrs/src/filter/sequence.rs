@@ -7,14 +7,18 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::extended::Rule;
-use super::noise::{LimitedMemoryNoise, NoiseMemory, QForm};
+use super::adaptation::{Adaptation, NoiseRule};
+use super::extended::{Method, Rule};
+use super::lead::Lead;
+use super::prediction::{Course, Prediction};
 use super::run::FilterRun;
 use super::runner::Runner;
 use super::screen::ChiSquareScreen;
 use super::search::{START_ALPHA, Start, Starter};
+use super::sigma_points::SigmaPoints;
+use super::square_root::{Form, factor_of};
 use super::{extended, kalman};
-use crate::error::{Error, Result, require_finite, require_size};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::gaussian::Gaussian;
 use crate::model::motion::Augmented;
 use crate::model::sensor::check_platform;
@@ -50,18 +54,22 @@ pub struct Sequence<'a> {
     pub measurements: &'a [f64],
     /// T vectors of length n, each added to the state predicted to its time.
     pub inputs: Option<&'a [f64]>,
+    /// T times by which to predict ahead after each measurement, seconds, as [`Lead::seconds`] gives them.
+    pub leads: Option<&'a [f64]>,
     /// Which row of the run the first of these is, where they are a piece of it.
     pub first_row: usize,
 }
 
-/// A Kalman or extended Kalman filter: one motion, one sensor.
+/// A filter of one motion and one sensor, by any rule.
 #[derive(Debug, Clone)]
 pub struct Filter {
     motion: MotionModel,
     sensor: SensorModel,
-    rule: Rule,
+    method: Method,
+    steps: usize,
+    horizon: Option<f64>,
     screen: Option<ChiSquareScreen>,
-    adapt: Option<LimitedMemoryNoise>,
+    adapt: Option<NoiseRule>,
 }
 
 impl Filter {
@@ -76,7 +84,9 @@ impl Filter {
         Ok(Self {
             motion,
             sensor,
-            rule: Rule::Once,
+            method: Rule::Once.into(),
+            steps: 1,
+            horizon: None,
             screen: None,
             adapt: None,
         })
@@ -96,6 +106,57 @@ impl Filter {
         Self::extended(motion, sensor)
     }
 
+    /// The filter that finds the moments of these models by sigma points. Where both are linear and points are drawn again
+    /// for each measurement, it is the Kalman filter, and no points are drawn at all.
+    pub fn sigma_points(motion: MotionModel, sensor: SensorModel, points: SigmaPoints) -> Result<Self> {
+        points.check(motion.state_dim())?;
+        let mut filter = Self::extended(motion, sensor)?;
+        filter.method.rule = Rule::SigmaPoints(points);
+        Ok(filter)
+    }
+
+    /// The same filter with its covariances carried in this form.
+    pub fn with_form(mut self, form: Form) -> Result<Self> {
+        if let (Form::SquareRoot, Rule::SigmaPoints(points)) = (form, self.method.rule) {
+            let refused = |requirement: &str| Err(Error::invalid("form", "square_root", requirement));
+            if !points.redraws() {
+                return refused("does not go with redraw=False: its covariance is a difference");
+            }
+            if !points.is_definite(self.motion.state_dim()) {
+                return refused(
+                    "needs covariances that are sums of squares: kappa must not be negative, or beta not too small",
+                );
+            }
+        }
+        self.method.form = form;
+        Ok(self)
+    }
+
+    /// The same filter with each prediction taken in so many equal steps, the points drawn anew for each.
+    pub fn with_steps(mut self, steps: usize) -> Result<Self> {
+        if steps == 0 {
+            return Err(Error::invalid("steps", 0, "must be at least 1"));
+        }
+        self.steps = steps;
+        self.check_steps()?;
+        Ok(self)
+    }
+
+    /// The same filter with leads of at most `horizon` seconds.
+    pub fn with_horizon(mut self, horizon: f64) -> Result<Self> {
+        require_non_negative("horizon", horizon)?;
+        self.horizon = Some(horizon);
+        Ok(self)
+    }
+
+    fn check_steps(&self) -> Result<()> {
+        if self.steps > 1 && matches!(self.adapt, Some(NoiseRule::LimitedMemory(_))) {
+            let requirement = "must be 1 with LimitedMemoryNoise, which estimates the noise of a whole step";
+            return Err(Error::invalid("steps", self.steps, requirement));
+        }
+        Ok(())
+    }
+
     /// The same filter with a screen for gross errors.
     #[must_use]
     pub fn with_screen(mut self, screen: ChiSquareScreen) -> Self {
@@ -108,21 +169,16 @@ impl Filter {
         if iterations == 0 {
             return Err(Error::invalid("iterations", 0, "must be at least 1"));
         }
-        self.rule = Rule::Iterated(iterations);
+        self.method.rule = Rule::Iterated(iterations);
         Ok(self)
     }
 
     /// The same filter with its noise estimated as it runs; the models' own noise is what it begins with.
-    pub fn with_adaptation(mut self, rule: LimitedMemoryNoise) -> Result<Self> {
-        rule.check()?;
-        if rule.q_form == QForm::Input && self.motion.noise_input(1.0).is_none() {
-            return Err(Error::invalid(
-                "adapt",
-                "given",
-                "needs a motion that says how its noise enters, or q_form = \"full\"",
-            ));
-        }
+    pub fn with_adaptation(mut self, rule: impl Into<NoiseRule>) -> Result<Self> {
+        let rule = rule.into();
+        rule.check(&self.motion)?;
         self.adapt = Some(rule);
+        self.check_steps()?;
         Ok(self)
     }
 
@@ -136,7 +192,7 @@ impl Filter {
             let requirement = "needs a sensor that gives its curvature, such as RangeArray";
             return Err(Error::invalid("second_order", true, requirement));
         }
-        self.rule = Rule::SecondOrder;
+        self.method.rule = Rule::SecondOrder;
         Ok(self)
     }
 
@@ -145,31 +201,30 @@ impl Filter {
         self.screen.as_ref()
     }
 
-    /// How the sensor is linearised.
-    pub fn rule(&self) -> Rule {
-        self.rule
+    /// How moments are found and covariances carried.
+    pub fn method(&self) -> &Method {
+        &self.method
+    }
+
+    /// Steps of each prediction.
+    pub(super) fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Longest lead, seconds, where there is a limit.
+    pub fn horizon(&self) -> Option<f64> {
+        self.horizon
     }
 
     /// An empty memory of the noise estimator, where one is set.
-    pub(super) fn new_memory(&self, start: &Gaussian) -> Result<Option<NoiseMemory>> {
-        let Some(rule) = self.adapt else {
-            return Ok(None);
-        };
-        let q = match (rule.q_form, self.motion.noise_input(1.0)) {
-            (QForm::Input, Some(input)) => input.cov,
-            // What a full Q begins with is known with the first step.
-            _ => DMatrix::from_element(start.dim(), start.dim(), f64::NAN),
-        };
-        NoiseMemory::new(rule, start.into(), q, self.sensor.noise()).map(Some)
+    pub(super) fn new_memory(&self, start: &Gaussian) -> Result<Option<Adaptation>> {
+        let begin = |rule: NoiseRule| rule.begin(&self.motion, &self.sensor, start);
+        self.adapt.map(begin).transpose()
     }
 
     /// Size of the motion noise that is estimated; 0 if none is.
     pub(super) fn adapted_dim(&self) -> usize {
-        match self.adapt.map(|rule| rule.q_form) {
-            None => 0,
-            Some(QForm::Full) => self.motion.state_dim(),
-            Some(QForm::Input) => self.motion.noise_input(1.0).map_or(0, |input| input.cov.nrows()),
-        }
+        self.adapt.map_or(0, |rule| rule.dim(&self.motion))
     }
 
     /// The motion model.
@@ -194,7 +249,21 @@ impl Filter {
         }
         self.require_states("input", input)?;
         let input = input.map(|input| self.complete_input(input));
-        Ok(kalman::predict(state, &self.motion, dt, input.as_ref()))
+        let mut prediction = Prediction::new(state.dim(), self.method.rule, self.method.form);
+        let mut factor = factor_of(self.method.form, &state.cov)?;
+        let mut state = state.clone();
+        for step in 0..self.steps {
+            let course = Course {
+                motion: &self.motion,
+                dt: dt / self.steps as f64,
+                input: input.as_ref().filter(|_| step + 1 == self.steps).map(DVector::as_slice),
+                noise: None,
+            };
+            prediction.predict(&state, factor.as_deref(), &course)?;
+            state.clone_from(&prediction.state);
+            factor = prediction.factor().map(<[f64]>::to_vec);
+        }
+        Ok(state)
     }
 
     /// The estimate after one measurement (length m, NaN = not observed), taken from `platform` if the sensor moves.
@@ -206,7 +275,8 @@ impl Filter {
     ) -> Result<kalman::Update> {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
-        extended::update(state, &self.sensor, measurement, platform, self.rule)
+        self.require_possible(measurement.as_slice(), &"")?;
+        extended::update(state, &self.sensor, measurement, platform, self.method)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
@@ -219,10 +289,25 @@ impl Filter {
         inputs: Option<&[DVector<f64>]>,
         history: History,
     ) -> Result<FilterRun> {
+        self.run_ahead(times, measurements, initial, inputs, None, history)
+    }
+
+    /// The same, with a prediction ahead after every measurement ([`super::lead`]).
+    pub fn run_ahead(
+        &self,
+        times: &[f64],
+        measurements: &[DVector<f64>],
+        initial: Option<&InitialState>,
+        inputs: Option<&[DVector<f64>]>,
+        lead: Option<&Lead>,
+        history: History,
+    ) -> Result<FilterRun> {
         let m = self.sensor.measurement_dim();
         let flat = flatten("measurement", measurements, m)?;
         let complete = inputs.map(|rows| self.flatten_inputs(rows)).transpose()?;
+        let leads = lead.map(|lead| lead.seconds(times, self.horizon)).transpose()?;
         let data = Sequence {
+            leads: leads.as_deref(),
             times,
             measurements: &flat,
             inputs: complete.as_deref(),
@@ -238,9 +323,13 @@ impl Filter {
             let Some(start) = starter.search(times, measurements, inputs)? else {
                 return Err(starter.failure());
             };
-            run.push_start(self, &start, history);
+            run.push_start(self, &start, history, leads.is_some());
             from = start.row + 1;
-            Runner::new(self, &start.initial)?
+            let mut runner = Runner::new(self, &start.initial)?;
+            if let Some(leads) = &leads {
+                runner.look_ahead(leads[start.row], history, &mut run)?;
+            }
+            runner
         };
         run.reserve(times.len() - from, history);
         runner.advance(&data, from..times.len(), history, &mut run)?;
@@ -260,10 +349,24 @@ impl Filter {
     }
 
     /// The rows of a run up to and with the one that starts it.
-    pub fn begun(&self, start: &Start, history: History) -> FilterRun {
+    /// With `leads`, that one's prediction ahead is still to come: [`Runner::look_ahead`].
+    pub fn begun(&self, start: &Start, history: History, leads: bool) -> FilterRun {
         let mut run = FilterRun::of(self);
-        run.push_start(self, start, history);
+        run.push_start(self, start, history, leads);
         run
+    }
+
+    /// Refuses what no target could cause; a screen finds it by itself.
+    fn require_possible(&self, measurement: &[f64], place: &dyn std::fmt::Display) -> Result<()> {
+        let Some(i) = self.sensor.impossible(measurement) else {
+            return Ok(());
+        };
+        let name = format!("measurement of channel {i}{place}");
+        Err(Error::invalid(
+            &name,
+            measurement[i],
+            "must not be negative; a filter with a screen rejects such a value and goes on",
+        ))
     }
 
     /// Whether a run of these would be accepted.
@@ -279,6 +382,11 @@ impl Filter {
         if let Some(inputs) = data.inputs {
             require_size("inputs", count * n, inputs.len())?;
             require_finite("input", inputs)?;
+        }
+        if self.screen.is_none() {
+            for (row, measurement) in data.measurements.chunks_exact(m.max(1)).enumerate() {
+                self.require_possible(measurement, &format_args!(" at row {}", data.first_row + row))?;
+            }
         }
         let mut previous = initial.map_or(f64::NEG_INFINITY, |i| i.time);
         for &time in data.times {

@@ -163,7 +163,7 @@ mod tests {
             };
             let mut now = used[0].time;
             for f in used {
-                state = super::super::kalman::predict(&state, motion, f.time - now, None);
+                state = super::super::kalman::predict(&state, motion, f.time - now, None).unwrap();
                 now = f.time;
                 let h = DMatrix::identity(1, order);
                 let r = &f.position.mean - &h * &state.mean;

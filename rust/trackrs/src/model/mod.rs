@@ -1,6 +1,7 @@
 //! How targets move and how sensors see them: the traits [`Motion`] and [`Sensor`] and the models that implement them.
 
 pub mod motion;
+pub mod numeric;
 pub mod rotation;
 pub mod sensor;
 pub mod space;

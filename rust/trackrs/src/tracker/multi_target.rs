@@ -82,7 +82,7 @@ impl MultiTargetTracker {
                         .rows(0, tracker.config.motion.position_dims())
                         .as_slice(),
                 ),
-                state: kalman::predict(&start.state, &tracker.config.motion, ahead, None),
+                state: kalman::predict(&start.state, &tracker.config.motion, ahead, None)?,
                 windows: vec![Window::started(); tracker.config.sensors.len()],
                 born: start.time,
                 last_hit: start.time,
@@ -217,7 +217,7 @@ impl MultiTargetTracker {
             self.record(scan, EventCode::GapReset, None, &reason)?;
         }
         for track in &mut self.tracks {
-            track.state = kalman::predict(&track.state, &self.config.motion, dt, None);
+            track.state = kalman::predict(&track.state, &self.config.motion, dt, None)?;
         }
         let finite = |track: &LiveTrack| {
             track

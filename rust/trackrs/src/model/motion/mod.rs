@@ -13,6 +13,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::space::StateSpace;
+use crate::error::{Result, require_size};
 
 pub use augmented::Augmented;
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
@@ -37,6 +38,29 @@ pub trait Motion: Debug + Send + Sync {
     /// The same where it depends on the state.
     fn noise_at(&self, _state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
         self.noise(dt)
+    }
+    /// Writes f of several states, one after the other in `states`, where they are wanted. What runs and filters call, so
+    /// that a model from outside may fail.
+    fn propagate_all(&self, states: &[f64], dt: f64, out: &mut [f64]) -> Result<()> {
+        let n = self.state_dim().max(1);
+        for (state, out) in states.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
+            let moved = self.propagate(&DVector::from_column_slice(state), dt);
+            require_size("propagated state", out.len(), moved.len())?;
+            out.copy_from_slice(moved.as_slice());
+        }
+        Ok(())
+    }
+    /// Writes f(x) and ∂f/∂x, n×n row by row, where they are wanted.
+    fn linearise_into(&self, state: &DVector<f64>, dt: f64, moved: &mut [f64], jacobian: &mut [f64]) -> Result<()> {
+        let (f, slope) = (self.propagate(state, dt), self.jacobian(state, dt));
+        require_size("propagated state", moved.len(), f.len())?;
+        require_size("motion Jacobian rows", moved.len(), slope.nrows())?;
+        require_size("motion Jacobian columns", moved.len(), slope.ncols())?;
+        moved.copy_from_slice(f.as_slice());
+        for (row, out) in slope.row_iter().zip(jacobian.chunks_exact_mut(moved.len().max(1))) {
+            out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
+        }
+        Ok(())
     }
     /// Whether f(x) = F(dt) x with an F that does not depend on x, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
@@ -121,6 +145,12 @@ impl Motion for MotionModel {
     }
     fn noise(&self, dt: f64) -> DMatrix<f64> {
         self.as_motion().noise(dt)
+    }
+    fn propagate_all(&self, states: &[f64], dt: f64, out: &mut [f64]) -> Result<()> {
+        self.as_motion().propagate_all(states, dt, out)
+    }
+    fn linearise_into(&self, state: &DVector<f64>, dt: f64, moved: &mut [f64], jacobian: &mut [f64]) -> Result<()> {
+        self.as_motion().linearise_into(state, dt, moved, jacobian)
     }
     fn is_linear(&self) -> bool {
         self.as_motion().is_linear()

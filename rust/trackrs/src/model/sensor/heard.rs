@@ -10,7 +10,7 @@ use super::{RangeArray, Sensor};
 use crate::error::{Error, Result, require_size};
 
 /// Ranges that no position explains even with errors of so many standard deviations are refused.
-const ABSURD: f64 = 6.0;
+pub(super) const ABSURD: f64 = 6.0;
 
 /// One measurement of a [`RangeArray`], sorted.
 pub(super) struct Heard {

@@ -72,6 +72,16 @@ pub trait Sensor: Debug + Send + Sync {
         }
         Ok(())
     }
+    /// Writes h of several states of length n, one after the other in `states`, where they are wanted.
+    fn observe_all(&self, states: &[f64], n: usize, platform: Option<&DVector<f64>>, out: &mut [f64]) -> Result<()> {
+        let m = self.measurement_dim().max(1);
+        for (state, out) in states.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(m)) {
+            let seen = self.observe(&DVector::from_column_slice(state), platform)?;
+            require_size("expected measurement", out.len(), seen.len())?;
+            out.copy_from_slice(seen.as_slice());
+        }
+        Ok(())
+    }
     /// R, m×m.
     fn noise(&self) -> DMatrix<f64>;
     /// Which components are angles, in radians.
@@ -89,6 +99,10 @@ pub trait Sensor: Debug + Send + Sync {
     /// Whether h is linear, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool {
         false
+    }
+    /// A component that no target could cause, such as a negative range beyond its noise.
+    fn impossible(&self, _measurement: &[f64]) -> Option<usize> {
+        None
     }
     /// Number of coordinates a platform position must have, where the sensor can stand on one.
     fn platform_dims(&self) -> Option<usize> {
@@ -213,6 +227,9 @@ impl Sensor for SensorModel {
     ) -> Result<()> {
         self.as_sensor().linearise_into(state, platform, expected, jacobian)
     }
+    fn observe_all(&self, states: &[f64], n: usize, platform: Option<&DVector<f64>>, out: &mut [f64]) -> Result<()> {
+        self.as_sensor().observe_all(states, n, platform, out)
+    }
     fn noise(&self) -> DMatrix<f64> {
         self.as_sensor().noise()
     }
@@ -227,6 +244,9 @@ impl Sensor for SensorModel {
     }
     fn is_linear(&self) -> bool {
         self.as_sensor().is_linear()
+    }
+    fn impossible(&self, measurement: &[f64]) -> Option<usize> {
+        self.as_sensor().impossible(measurement)
     }
     fn platform_dims(&self) -> Option<usize> {
         self.as_sensor().platform_dims()

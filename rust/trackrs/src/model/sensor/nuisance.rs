@@ -64,7 +64,7 @@ impl Nuisance {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct RangeBias {
     /// Metres, length k.
-    std: Vec<f64>,
+    pub(super) std: Vec<f64>,
     /// m²/s.
     psd: f64,
 }

@@ -27,6 +27,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::fix::Side;
+use super::heard::ABSURD;
 use super::nuisance::{Nuisance, RangeBias, RangeScale};
 use super::position_fix::PositionFix;
 use super::sound_speed::SoundSpeed;
@@ -291,6 +292,13 @@ impl Sensor for RangeArray {
         self.fix_on(measurement, self.settings.side)
             .ok()
             .map(|fix| fix.position)
+    }
+    fn impossible(&self, measurement: &[f64]) -> Option<usize> {
+        let below = |&i: &usize| {
+            let bias = self.bias.as_ref().map_or(0.0, |bias| bias.std[i]);
+            measurement[i] * self.metres_per_unit(i, None) < -ABSURD * libm::hypot(self.range_std(i), bias)
+        };
+        (0..self.channels().min(measurement.len())).find(below)
     }
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         Some(self)
