@@ -199,6 +199,7 @@ pub(crate) struct BadPivot {
 /// Replaces the lower half of A (n×n) by its factor L; above the diagonal nothing is read or written.
 #[inline(always)]
 pub(crate) fn cholesky(n: usize, a: &mut [f64]) -> Result<(), BadPivot> {
+    let a = &mut a[..n * n];
     for i in 0..n {
         for j in 0..=i {
             let sum = (0..j).fold(a[i * n + j], |sum, k| sum - a[i * n + k] * a[j * n + k]);

@@ -142,6 +142,7 @@ impl RangeArray {
 
     /// Component `channel` of the measurement (a hydrophone, or the depth) expected of a target at this position, with
     /// these lasting errors (all of them, or none).
+    #[inline]
     pub(super) fn row(&self, channel: usize, position: &[f64], nuisance: &[f64]) -> Result<Row> {
         let dims = self.dims();
         let mut gradient = [0.0; 3];
