@@ -67,21 +67,20 @@ impl Function {
 
     fn copy(&self, found: &Bound<'_, PyAny>, shape: &[usize], out: &mut [f64]) -> Result<()> {
         let direct = found.extract::<PyReadonlyArrayDyn<'_, f64>>();
-        let array = match direct {
-            Ok(array) => array,
-            Err(_) => {
-                let converted = found
-                    .py()
-                    .import("numpy")
-                    .and_then(|numpy| numpy.call_method1("asarray", (found, "f8")))
-                    .and_then(|made| Ok(made.cast_into::<PyArrayDyn<f64>>()?.try_readonly()?));
-                converted.map_err(|e| {
-                    self.failed(PyTypeError::new_err(format!(
-                        "{} must return an array of numbers: {e}",
-                        self.name
-                    )))
-                })?
-            }
+        let array = if let Ok(array) = direct {
+            array
+        } else {
+            let converted = found
+                .py()
+                .import("numpy")
+                .and_then(|numpy| numpy.call_method1("asarray", (found, "f8")))
+                .and_then(|made| Ok(made.cast_into::<PyArrayDyn<f64>>()?.try_readonly()?));
+            converted.map_err(|e| {
+                self.failed(PyTypeError::new_err(format!(
+                    "{} must return an array of numbers: {e}",
+                    self.name
+                )))
+            })?
         };
         if array.shape() != shape {
             return Err(Error::Shape {

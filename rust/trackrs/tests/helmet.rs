@@ -12,7 +12,7 @@ use trackrs::filter::sequence::{Filter, History, InitialState};
 use trackrs::filter::sigma_points::SigmaPoints;
 use trackrs::model::motion::{ConstantAcceleration, KinematicNoise};
 use trackrs::model::sensor::PositionSensor;
-use trackrs::model::{MotionModel, SensorModel};
+use trackrs::model::{Motion, MotionModel, SensorModel};
 
 fn golden(name: &str) -> Value {
     let path = format!("{}/../../tests/data/{name}.json", env!("CARGO_MANIFEST_DIR"));
@@ -257,7 +257,6 @@ fn points_carried_on_are_the_modified_kalman_filter() {
     let (mut x, mut p) = (case.initial.state.mean.clone(), case.initial.state.cov.clone());
     let r = matrix(&data["R0"]);
     let h = DMatrix::identity(6, 18);
-    use trackrs::model::Motion;
     let (f, q) = (
         case.filter.motion().jacobian(&x, half),
         case.filter.motion().noise(half),
