@@ -34,7 +34,7 @@ class PoseSensor(Sensor):
     With `attitude="quaternion"` reports hold a unit quaternion w, x, y, z (Hamilton, body to frame), of either sign.
     The state holds the attitude as a rotation vector, covariances are those of small turns in body axes: no gimbal
     lock, no seam. `measurements` turns reports into what filters take, and what their results are in: position and
-    rotation vector.
+    rotation vector. The filters do not run on such states yet and refuse the sensor; with "euler" they run.
 
     Args:
         position_std: standard deviation of the position, metres; a number or one per axis. None: no position is
@@ -113,7 +113,7 @@ class CameraSensor(Sensor):
     """A camera that sees k known points of a body: measurement `u0 v0 u1 v1 ...`, pixels; NaN = not seen.
 
     The state is the pose of the body in the camera frame (x to the right, y down, z along the optical axis): position
-    and rotation vector. A filter that takes the images themselves goes on where too few points are left for a fix.
+    and rotation vector. The filters do not run on such states yet and refuse the sensor; `fix` gives the pose.
 
     Args:
         points: the points in body coordinates (k, 3), metres.
