@@ -60,9 +60,7 @@ impl MeasurementPrediction {
             _ => sized!(joseph_of_many(n, self, prior, innovation, scratch, out)),
         }
     }
-}
 
-impl MeasurementPrediction {
     /// The posterior P − (L⁻¹ H P)ᵀ (L⁻¹ H P) of a given S = L Lᵀ and H P.
     fn subtract_into(&self, prior: GaussianRef<'_>, innovation: &[f64], gain: &mut [f64], out: &mut Gaussian) {
         let (n, m) = (self.n, self.m);

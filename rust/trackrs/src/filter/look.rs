@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel;
 use crate::model::Sensor;
-use crate::model::sensor::wrap_angle;
+use crate::model::sensor::residual_into;
 
 /// One state and one measurement of it.
 #[derive(Clone, Copy)]
@@ -251,16 +251,6 @@ fn set_root(linearised: &mut Linearised, target: &Target<'_>, noise_root: &[f64]
 fn set_noise_root(noise: &[f64], root: &mut [f64]) -> Result<()> {
     let m = noise.len().isqrt();
     lower_root(m, noise, &mut vec![0.0; m * m], root, "sensor noise")
-}
-
-/// z − h with angles wrapped, NaN where z is.
-fn residual_into(sensor: &dyn Sensor, measurement: &[f64], expected: &[f64], out: &mut [f64]) {
-    for ((r, z), h) in out.iter_mut().zip(measurement).zip(expected) {
-        *r = z - h;
-    }
-    for &i in sensor.angles() {
-        out[i] = wrap_angle(out[i]);
-    }
 }
 
 /// Adds Aᵀ B, B with rows of length m, to `out`.

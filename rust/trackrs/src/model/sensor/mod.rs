@@ -21,11 +21,11 @@ mod stack;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::Motion;
 use super::rotation::vector_between;
-use super::{Motion, space};
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
 
@@ -129,21 +129,29 @@ pub trait Sensor: Debug + Send + Sync {
 /// z − ẑ with the angles wrapped into (−π, π], and the rotation that leads from ẑ to z in place of the difference of rotation
 /// vectors. A rotation vector with a NaN was not observed.
 pub fn residual(sensor: &dyn Sensor, measured: &DVector<f64>, predicted: &DVector<f64>) -> DVector<f64> {
-    let mut out = measured - predicted;
+    let mut out = measured.clone();
+    residual_into(sensor, measured.as_slice(), predicted.as_slice(), out.as_mut_slice());
+    out
+}
+
+/// The same, length m each, without taking memory.
+pub fn residual_into(sensor: &dyn Sensor, measured: &[f64], predicted: &[f64], out: &mut [f64]) {
+    for ((r, z), expected) in out.iter_mut().zip(measured).zip(predicted) {
+        *r = z - expected;
+    }
     for &i in sensor.angles() {
         out[i] = wrap_angle(out[i]);
     }
     if let Some(at) = sensor.rotation() {
-        let (z, expected) = (space::block(measured, at), space::block(predicted, at));
+        let [z, expected] = [measured, predicted].map(|v| Vector3::from_column_slice(&v[at..at + 3]));
         let turn = if z.iter().all(|v| v.is_finite()) {
             vector_between(&expected, &z)
         } else {
             // An infinite component stays to be refused.
             z.map(|v| if v.is_infinite() { v } else { f64::NAN })
         };
-        out.fixed_rows_mut::<3>(at).copy_from(&turn);
+        out[at..at + 3].copy_from_slice(turn.as_slice());
     }
-    out
 }
 
 /// The angle in (−π, π]; NaN stays NaN.
