@@ -11,6 +11,7 @@ pub mod lead;
 mod link;
 mod look;
 mod measured_root;
+pub mod mixture;
 pub mod nis_noise;
 pub mod noise;
 pub mod paper_start;
