@@ -21,9 +21,12 @@
 //! association probabilities with belief propagation, IEEE Trans. Aerosp. Electron. Syst. 50(4), 2014; H. A. P. Blom,
 //! E. A. Bloem, Probabilistic data association avoiding track coalescence, IEEE Trans. Autom. Control 45(2), 2000.
 
+mod belief;
 mod cluster;
 mod frontier;
 mod lattice;
+mod m_best;
+mod pruned;
 mod subsets;
 mod weights;
 
@@ -103,6 +106,11 @@ pub fn marginals(weights: &Weights, options: &Options) -> Result<Marginals> {
         let mut cluster = Cluster::new(weights, tracks, &sharers, &mut local);
         let solution = solve(&mut cluster, weights, options)?;
         out.log_total += cluster.log_scale + solution.log_total;
+        out.method = out.method.max(solution.method);
+        out.error_bound = match (out.error_bound, solution.error_bound) {
+            (Some(before), Some(bound)) => Some(before + bound - before * bound), // 1 − Π (1 − bound)
+            _ => None,
+        };
         cluster.write(weights, &solution, &sharers, &mut out);
     }
     Ok(out)
@@ -115,15 +123,29 @@ fn solve(cluster: &mut Cluster, weights: &Weights, options: &Options) -> Result<
             links: Vec::new(),
             missed: vec![1.0],
             log_total: libm::log(cluster.misses[0]),
+            method: Method::Exact,
+            error_bound: Some(0.0),
         });
     }
+    if options.prune {
+        cluster.rescale(weights)?;
+        return match pruned::solve(cluster, options.budget) {
+            Some(solution) => Ok(solution),
+            None => m_best::pruned(cluster, weights),
+        };
+    }
     let plan = frontier::plan(cluster);
-    if let Some(solution) = subsets::solve(cluster, &plan) {
-        return Ok(solution);
+    if plan.transitions <= options.budget {
+        if let Some(solution) = subsets::solve(cluster, &plan) {
+            return Ok(solution);
+        }
+        cluster.rescale(weights)?;
+        let plan = frontier::plan(cluster);
+        return subsets::solve(cluster, &plan).ok_or_else(|| cluster.impossible());
     }
     cluster.rescale(weights)?;
-    let plan = frontier::plan(cluster);
-    subsets::solve(cluster, &plan).ok_or_else(|| cluster.impossible())
+    let belief = belief::solve(cluster);
+    Ok(m_best::solve(cluster, weights, belief.log_total)?.unwrap_or(belief))
 }
 
 /// Tracks that share reports, directly or through others.

@@ -16,6 +16,7 @@
 //!
 //! u and v are rounded to whole numbers: any u, v scale rightly, and with these the exponents are exact.
 
+use super::Method;
 use super::weights::Weights;
 use crate::association::assignment::assign_with_misses;
 use crate::error::{Error, Result};
@@ -57,6 +58,18 @@ pub(super) struct Cluster {
     own: Vec<Own>,
 }
 
+/// Costs −ln w of a cluster.
+#[derive(Debug)]
+pub(super) struct Costs {
+    /// (tracks, shared reports), row-major.
+    pub(super) pairs: Vec<f64>,
+    /// Of taking no shared report. A track that must take one does without only where there is no other way: at a cost
+    /// above that of all pairs together.
+    pub(super) misses: Vec<f64>,
+    /// Whether the track can go without a shared report.
+    pub(super) can_miss: Vec<bool>,
+}
+
 /// Marginals of one cluster, before own reports are shared out.
 #[derive(Debug)]
 pub(super) struct Solution {
@@ -66,6 +79,9 @@ pub(super) struct Solution {
     pub(super) missed: Vec<f64>,
     /// ln of the sum over joint events of the scaled weights.
     pub(super) log_total: f64,
+    pub(super) method: Method,
+    /// Share of the weight that is not in the sums, at most.
+    pub(super) error_bound: Option<f64>,
 }
 
 impl Cluster {
@@ -128,37 +144,52 @@ impl Cluster {
         }
     }
 
-    /// Scales anew, by duals.
-    pub(super) fn rescale(&mut self, weights: &Weights) -> Result<()> {
-        let (rows, columns) = (self.tracks.len(), self.reports);
-        let mut costs = vec![f64::INFINITY; rows * columns];
-        let mut bound = 1.0;
+    /// −ln of the weights, as [`assign_with_misses`] takes them.
+    pub(super) fn costs(&self, weights: &Weights) -> Costs {
+        let mut pairs = vec![f64::INFINITY; self.tracks.len() * self.reports];
+        let mut barred = 1.0;
         for link in &self.links {
             let cost = -weights.log(weights.all()[link.place].weight);
-            costs[link.track * columns + link.report] = cost;
-            bound += 2.0 * cost.abs();
+            pairs[link.track * self.reports + link.report] = cost;
+            barred += 2.0 * cost.abs();
         }
-        let log_own = |own: &Own| weights.log(own.largest) + libm::log(own.sum);
-        let possible = |own: &Own| own.largest != weights.zero();
-        for own in self.own.iter().filter(|own| possible(own)) {
-            bound += 2.0 * log_own(own).abs();
+        let mut misses = Vec::with_capacity(self.own.len());
+        for own in &self.own {
+            if own.largest == weights.zero() {
+                misses.push(f64::INFINITY);
+                continue;
+            }
+            let cost = -(weights.log(own.largest) + libm::log(own.sum));
+            misses.push(cost);
+            barred += 2.0 * cost.abs();
         }
-        // A track that cannot go without a report does so only if there is no other way.
-        let miss_costs: Vec<f64> = self.own.iter().map(|own| if possible(own) { -log_own(own) } else { bound }).collect();
-        let best = assign_with_misses(&costs, rows, columns, &miss_costs)?;
+        let can_miss = misses.iter().map(|&cost| cost < f64::INFINITY).collect();
+        misses.iter_mut().for_each(|cost| *cost = cost.min(barred));
+        Costs {
+            pairs,
+            misses,
+            can_miss,
+        }
+    }
+
+    /// Scales anew, by duals.
+    pub(super) fn rescale(&mut self, weights: &Weights) -> Result<()> {
+        let columns = self.reports;
+        let costs = self.costs(weights);
+        let best = assign_with_misses(&costs.pairs, self.tracks.len(), columns, &costs.misses)?;
         for (row, column) in best.row_to_column.iter().enumerate() {
-            if column.is_none() && !possible(&self.own[row]) {
+            if column.is_none() && !costs.can_miss[row] {
                 return Err(self.impossible());
             }
         }
         let round = |duals: &[f64]| duals.iter().map(|d| libm::round(*d)).collect::<Vec<f64>>();
         let (u, v) = (round(&best.row_duals), round(&best.column_duals));
         for link in &mut self.links {
-            let cost = costs[link.track * columns + link.report];
+            let cost = costs.pairs[link.track * columns + link.report];
             link.weight = libm::exp((u[link.track] - cost) + v[link.report]);
         }
         for (row, own) in self.own.iter().enumerate() {
-            self.misses[row] = if possible(own) {
+            self.misses[row] = if costs.can_miss[row] {
                 libm::exp(weights.log(own.largest) + u[row]) * own.sum
             } else {
                 0.0

@@ -217,7 +217,9 @@ impl Plan {
             leaves: Vec::with_capacity(sides.slots.nodes()),
             transitions: 0,
         };
-        let mut left: Vec<usize> = (0..sides.slots.nodes()).map(|slot| sides.slots.of(slot).len()).collect();
+        let mut left: Vec<usize> = (0..sides.slots.nodes())
+            .map(|slot| sides.slots.of(slot).len())
+            .collect();
         let mut bits = vec![usize::MAX; left.len()];
         let mut used: u64 = 0;
         for item in order {

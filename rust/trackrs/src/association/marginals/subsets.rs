@@ -21,6 +21,7 @@
 //! Nothing is subtracted, so every probability has the relative accuracy of the sums. Layers whose largest element leaves
 //! [1e-20, 1e20] are divided by it.
 
+use super::Method;
 use super::cluster::{Cluster, Solution};
 use super::frontier::{Leave, Plan, Step, Take};
 use super::lattice::{dot, dot_without, drop_bit, give_back_bit, put, put_back};
@@ -166,6 +167,8 @@ impl Scan<'_> {
             links,
             missed,
             log_total: layers.log_total,
+            method: Method::Exact,
+            error_bound: Some(0.0),
         })
     }
 }

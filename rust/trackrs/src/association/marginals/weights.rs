@@ -62,11 +62,11 @@ impl Weights {
                 self.candidates.truncate(start);
                 return Err(error);
             }
-            if candidate.weight != self.zero() {
-                self.candidates.push(candidate);
-            }
+            self.candidates.push(candidate);
         }
-        if miss == self.zero() && self.candidates.len() == start {
+        let is_possible = |candidate: &Candidate| candidate.weight != self.zero();
+        if miss == self.zero() && !self.candidates[start..].iter().any(is_possible) {
+            self.candidates.truncate(start);
             let requirement = "a track that gates no report must be able to go without one";
             return Err(Error::invalid(&format!("weights[{track}, 0]"), miss, requirement));
         }
@@ -75,7 +75,8 @@ impl Weights {
         Ok(())
     }
 
-    /// From a matrix (tracks, 1 + reports), row-major: column 0 = missed, column j = report j − 1.
+    /// From a matrix (tracks, 1 + reports), row-major: column 0 = missed, column j = report j − 1. Candidates are the
+    /// reports of weight other than 0.
     pub fn from_dense(values: &[f64], tracks: usize, columns: usize, domain: Domain) -> Result<Self> {
         require_size("weights", tracks.saturating_mul(columns), values.len())?;
         if columns == 0 {
@@ -88,7 +89,9 @@ impl Weights {
         weights.candidates.reserve(values.len() - tracks);
         for row in values.chunks_exact(columns) {
             let candidate = |(report, &weight)| Candidate { report, weight };
-            weights.push(row[0], row[1..].iter().enumerate().map(candidate))?;
+            let zero = weights.zero();
+            let candidates = row[1..].iter().enumerate().map(candidate);
+            weights.push(row[0], candidates.filter(|c| c.weight != zero))?;
         }
         Ok(weights)
     }
