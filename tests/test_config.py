@@ -266,13 +266,14 @@ def test_no_file(tmp_path):
 def test_every_argument_has_a_kind():
     """A model whose arguments the file cannot check would fail here, not at a user's."""
     targets = [*module.MOTIONS.values(), *module.SENSORS.values(), *module._RECORDS.values()]
+    targets += [kind for kinds in module._CHOICES.values() for kind in kinds.values()]
     targets += [module.InputConfig, module.TruthConfig, module.ScoreConfig, module.PlotConfig]
     for target in targets:
         assert dataclasses.is_dataclass(target)
         for argument in module._arguments(target):
             annotation = argument.annotation.removesuffix(" | None")
             assert annotation in module._KINDS or module._LITERAL.fullmatch(annotation), (target, argument)
-    own = {"self", "motion", "sensors", "initial", "associator", "gate"}
+    own = {"self", "motion", "sensors", "initial", "gate", *module._CHOICES}
     for name in inspect.signature(tr.MultiTargetTracker.__init__).parameters.keys() - own:
         annotation = str(inspect.signature(tr.MultiTargetTracker.__init__).parameters[name].annotation)
         assert annotation.removesuffix(" | None") in {**module._KINDS, **module._RECORDS}, name

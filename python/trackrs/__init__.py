@@ -10,7 +10,16 @@ from trackrs._trackrs import __version__
 if TYPE_CHECKING:
     from trackrs import association, geodesy, rotation, scenarios
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
-    from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
+    from trackrs.association import (
+        JIPDA,
+        JPDA,
+        NPDA,
+        PDA,
+        Assignment,
+        GlobalNearestNeighbour,
+        NearestNeighbour,
+        assign,
+    )
     from trackrs.errors import (
         BusyError,
         DimensionError,
@@ -56,7 +65,7 @@ if TYPE_CHECKING:
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.timing import RegularTimes, regularise
-    from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
+    from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
     from trackrs.types import (
         ChiSquareTests,
         Event,
@@ -75,7 +84,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "GOSPA",
+    "JIPDA",
+    "JPDA",
+    "NPDA",
     "OSPA",
+    "PDA",
     "Assignment",
     "BusyError",
     "CameraSensor",
@@ -91,6 +104,7 @@ __all__ = [
     "DimensionError",
     "Evaluation",
     "Event",
+    "Existence",
     "ExtendedKalmanFilter",
     "FilterRun",
     "Fix",

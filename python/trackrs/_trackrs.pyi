@@ -10,6 +10,7 @@ from trackrs.types import Scan
 _Array: TypeAlias = NDArray[np.float64]
 
 __all__ = [
+    "CloseTargets",
     "Filter",
     "LocalFrame",
     "Motion",
@@ -276,6 +277,19 @@ def evaluate(
     centres: _Array | None = None,
     region: float | None = None,
 ) -> dict[str, Any]: ...
+
+@final
+class CloseTargets:
+    @staticmethod
+    def make(
+        targets: int, separation: float, reports: int, interval: float, order: str, clutter: float
+    ) -> CloseTargets: ...
+    def noise(self) -> tuple[float, float]: ...
+    def times(self) -> _Array: ...
+    def truth(self) -> _Array: ...
+    def initial(self) -> list[_Array]: ...
+    def clutter_area(self) -> float: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
 
 @final
 class Underwater:

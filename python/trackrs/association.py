@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, IntArray, array, frozen
@@ -27,6 +27,87 @@ class GlobalNearestNeighbour:
     """
 
     name: ClassVar[str] = "global_nearest"
+
+
+@dataclass(frozen=True, slots=True)
+class PDA:
+    """Every track for itself: the mean over which of the reports in its gate, if any, is its own.
+
+    It ignores that a report is of one target at most, so that targets which come close coalesce. With no clutter and
+    single reports every gated track takes the report for certain, which the NPDA paper calls JPDAF.
+
+    Needs the tracker's `clutter_density`.
+
+    Reference:
+        Bar-Shalom, Tse (1975); spec labels N16, N18.
+    """
+
+    name: ClassVar[str] = "pda"
+
+
+@dataclass(frozen=True, slots=True)
+class JPDA:
+    """All tracks together: the mean over the joint events in which no report is of two tracks.
+
+    Joint probabilities are exact up to a budget; beyond it they are approximated, with an event `approximated`. Reports
+    with times of their own update a track at those times. Needs the tracker's `clutter_density`.
+
+    Args:
+        coalescence_free: of the joint events with the same tracks and the same reports count only the likeliest
+            (JPDA*), so that targets closer than about five sigma do not coalesce.
+
+    Reference:
+        Fortmann, Bar-Shalom, Scheffe (1983); Blom, Bloem (2000); spec labels N17, N19.
+    """
+
+    coalescence_free: bool = False
+    name: ClassVar[str] = "jpda"
+
+
+@dataclass(frozen=True, slots=True)
+class JIPDA:
+    """As `JPDA`, with the probability that each track's target exists, which confirms and ends tracks.
+
+    It goes with the initiator `Existence`; tentative and confirmed tracks compete for the reports. Needs the tracker's
+    `clutter_density`.
+
+    Args:
+        coalescence_free: as in `JPDA`.
+
+    Reference:
+        Musicki, Evans (2004), IEEE Trans. Aerosp. Electron. Syst. 40(3).
+    """
+
+    coalescence_free: bool = False
+    name: ClassVar[str] = "jipda"
+
+
+@dataclass(frozen=True, slots=True)
+class NPDA:
+    """One report after the other, each shared out at its own time among the tracks that may have sent it.
+
+    With `clutter_probability=0` and scans of one report this is JPDA. A constant probability counts however far from a
+    track a report lies in its gate; in clutter the density is far better.
+
+    Args:
+        clutter_probability: that a gated report is of no target, in [0, 1). None: by the tracker's `clutter_density`.
+        covariance: of a partial update: "moment" (of the mixture of update and prediction), "paper" (as printed, eq.
+            24) or "joseph" (as if the report surely were the track's; over-confident).
+        bookkeeping: "each": all tracks are predicted to every report's time. "paper": a track that does not gate a
+            report stays where it was last updated and is later predicted in one step, which with `accel_std` noise is
+            not the same.
+
+    Reference:
+        Liu, Xie, Huang (2009), J. Electronics & Information Technology 31(7); spec labels N9 to N14, N17.
+    """
+
+    clutter_probability: float | None = 0.0
+    covariance: Literal["moment", "paper", "joseph"] = "moment"
+    bookkeeping: Literal["each", "paper"] = "each"
+    name: ClassVar[str] = "npda"
+
+
+Associator: TypeAlias = NearestNeighbour | GlobalNearestNeighbour | PDA | JPDA | JIPDA | NPDA
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +174,9 @@ def k_best(costs: ArrayLike, k: int, *, miss_costs: ArrayLike | None = None) -> 
         [[0], [-1]]
     """
     misses = None if miss_costs is None else array(miss_costs, "miss_costs", 1)
-    return tuple(Assignment(frozen(columns), cost) for columns, cost in _trackrs.k_best(array(costs, "costs", 2), k, misses))
+    return tuple(
+        Assignment(frozen(columns), cost) for columns, cost in _trackrs.k_best(array(costs, "costs", 2), k, misses)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,9 +200,7 @@ class Marginals:
     log_total: float
 
 
-def marginals(
-    weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000, prune: bool = False
-) -> Marginals:
+def marginals(weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000, prune: bool = False) -> Marginals:
     """Return with what probability each track has each report, given that no report is of two tracks (JPDA).
 
     A joint event gives every track one report or none, and no report to two tracks. Its weight is the product of the

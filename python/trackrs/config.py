@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
-from trackrs.association import GlobalNearestNeighbour, NearestNeighbour
+from trackrs.association import JIPDA, JPDA, NPDA, PDA, GlobalNearestNeighbour, NearestNeighbour
 from trackrs.errors import DimensionError, TrackrsError
 from trackrs.gating import Gate
 from trackrs.metric import GOSPA, OSPA, gospa
 from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
 from trackrs.pose import CameraSensor, PoseSensor
 from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
-from trackrs.tracker import ClutterMap, Deletion, MofN, MultiTargetTracker
+from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -151,7 +151,7 @@ class Config:
 
 def snake_case(name: str) -> str:
     """Return the name of a class as it stands in a configuration file."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
 
 
 MOTIONS: dict[str, Callable[..., Motion]] = {
@@ -162,7 +162,10 @@ SENSORS: dict[str, Callable[..., Sensor]] = {
     snake_case(model.__name__).removesuffix("_sensor"): model
     for model in (PositionSensor, RangeBearing, RangeArray, PoseSensor, CameraSensor, LinearSensor)
 }
-ASSOCIATORS = {snake_case(model.__name__): model for model in (GlobalNearestNeighbour, NearestNeighbour)}
+ASSOCIATORS: dict[str, Callable[..., Any]] = {
+    snake_case(kind.__name__): kind for kind in (GlobalNearestNeighbour, NearestNeighbour, PDA, JPDA, JIPDA, NPDA)
+}
+INITIATORS: dict[str, Callable[..., Any]] = {snake_case(kind.__name__): kind for kind in (MofN, Existence)}
 TABLES = ("motion", "sensors", "tracker", "input", "truth", "score", "plot")
 
 
@@ -212,13 +215,19 @@ _KINDS = {
     "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
     "Sequence[float]": _Kind(_NUMBERS, "a list of numbers"),
     "float | Sequence[float]": _Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
+    "float | Mapping[str, float]": _Kind(
+        lambda v: _is_number(v) or (isinstance(v, dict) and all(_is_number(item) for item in v.values())),
+        "a number, or a table of numbers by sensor",
+    ),
     "float | ArrayLike": _Kind(
         lambda v: _is_number(v) or _NUMBERS(v) or _are(_NUMBERS)(v),
         "a number, a list of numbers, or of rows of numbers",
     ),
     "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
 }
-_RECORDS: dict[str, type] = {"MofN": MofN, "Deletion": Deletion, "ClutterMap": ClutterMap}
+_RECORDS: dict[str, type] = {"Deletion": Deletion, "ClutterMap": ClutterMap}
+# By the name of the argument: records of several kinds, which a table's "type" chooses from.
+_CHOICES = {"initiator": INITIATORS, "associator": ASSOCIATORS}
 _LITERAL = re.compile(r"Literal\[(.*)\]")
 
 
@@ -399,13 +408,21 @@ class _Loader:
                     self.fail(where, f': "{name}" is missing')
             elif annotation in _RECORDS:
                 out[name] = self.build(_RECORDS[annotation], self.table(table, name) or {}, f"[tracker.{name}]")
-            elif name == "associator":
-                out[name] = ASSOCIATORS[self.choice(table[name], ASSOCIATORS, f"{where} {name}")]()
+            elif name in _CHOICES:
+                out[name] = self.kind(name, table[name], where)
             elif name == "gate":
                 out[name] = Gate(self.value(table[name], _Argument(name, "float", required=False), where))
             else:
                 out[name] = self.value(table[name], argument, where)
         return out
+
+    def kind(self, name: str, value: object, where: str) -> object:
+        """A record of a kind that is named alone, or by "type" in a table of its own; counting hits needs no name."""
+        kinds, here = _CHOICES[name], f"[tracker.{name}]"
+        if not isinstance(value, dict):
+            return self.build(kinds[self.choice(value, kinds, f"{where} {name}")], {}, here)
+        table = {"type": snake_case(MofN.__name__)} | value if name == "initiator" else value
+        return self.model(kinds, table, here)
 
     # --- what single tables cannot know ---
 
@@ -465,6 +482,7 @@ class _Loader:
                     text = text.replace(culprit, "gate", 1)
                 for argument in _arguments(MultiTargetTracker.__init__):
                     record = _RECORDS.get(argument.annotation.removesuffix(" | None"))
-                    if record and culprit in {field.name for field in fields(record)}:
+                    records = [record] if record else _CHOICES.get(argument.name, {}).values()
+                    if any(culprit in {item.name for item in _arguments(record)} for record in records):
                         where = f"[tracker.{argument.name}]"
             self.fail(where, f" {text}")

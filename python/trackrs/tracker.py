@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import array
-from trackrs.association import GlobalNearestNeighbour, NearestNeighbour
+from trackrs.association import GlobalNearestNeighbour
 from trackrs.gating import Gate
 from trackrs.types import Event, Ledger, Scan, Tracks, freeze_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
+    from trackrs.association import Associator
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
     from trackrs.types import GaussianState
@@ -37,6 +39,33 @@ class MofN:
     m: int
     n: int
     max_speed: float
+    min_displacement: float = 0.0
+    min_separation: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Existence:
+    """Tracks begin, are confirmed and end by the probability that there is a target; for the associator `JIPDA`.
+
+    A report starts a track with the probability `initial` times that of no track explaining it.
+
+    Args:
+        max_speed: upper bound on the speed of a target, m/s; also the uncertainty of a new track's velocity (2 sigma).
+        initial: probability that a report which no track explains is of a new target: new targets per scan over new
+            targets and false reports per scan.
+        confirm: a track is confirmed from this existence on.
+        drop: below this existence it ends.
+        lifetime: how long a target stays on the average, seconds; between scans existence decays with it.
+        min_displacement: a track must have moved this far from where it began, metres. 0 confirms targets at rest.
+        min_separation: no track begins or is confirmed closer than this to a confirmed one, metres, because one target
+            may give several reports.
+    """
+
+    max_speed: float
+    initial: float = 0.1
+    confirm: float = 0.95
+    drop: float = 0.01
+    lifetime: float = 300.0
     min_displacement: float = 0.0
     min_separation: float = 0.0
 
@@ -79,10 +108,15 @@ class MultiTargetTracker:
     Args:
         motion: how targets move.
         sensors: the sensors by name; they may have different models and rates.
-        initiator: when a track is confirmed.
+        initiator: when a track is confirmed: `MofN`, or `Existence` with the associator `JIPDA`.
         associator: how reports are given to tracks.
-        gate: which reports a track may get.
-        deletion: when a confirmed track ends.
+        gate: which reports a track may get. Probabilistic associators reckon with its probability: what is detected
+            inside it is P_D P_G.
+        deletion: when a confirmed track ends; None: `Deletion()`, or with `Existence` never but by that.
+        detection_probability: that a sensor reports a target in a scan, one for all or by sensor, in (0, 1]. For the
+            probabilistic associators, as is the next.
+        clutter_density: false reports per scan and unit of the sensor's measurement space (1/m² for positions, 1/(m
+            rad) for range and bearing), one for all sensors or by sensor. 0: there are none.
         clutter_map: keep static echoes from starting tracks.
         max_gap: end all tracks when no scan came for so many seconds.
         max_tracks: no more than so many tracks, tentative ones included.
@@ -90,7 +124,8 @@ class MultiTargetTracker:
         initial: states of tracks that are there from the beginning.
 
     Raises:
-        ParameterError: a parameter is outside its domain.
+        ParameterError: a parameter is outside its domain, or missing for this associator.
+        UnknownSensorError: a probability or density names a sensor that is not there.
         DimensionError: a sensor does not fit the motion.
 
     Example:
@@ -112,11 +147,13 @@ class MultiTargetTracker:
         self,
         motion: Motion,
         sensors: Mapping[str, Sensor],
-        initiator: MofN,
+        initiator: MofN | Existence,
         *,
-        associator: NearestNeighbour | GlobalNearestNeighbour = GlobalNearestNeighbour(),  # noqa: B008 (frozen)
+        associator: Associator = GlobalNearestNeighbour(),  # noqa: B008 (frozen)
         gate: Gate = Gate(),  # noqa: B008 (frozen)
-        deletion: Deletion = Deletion(),
+        detection_probability: float | Mapping[str, float] = 0.9,
+        clutter_density: float | Mapping[str, float] | None = None,
+        deletion: Deletion | None = None,
         clutter_map: ClutterMap | None = None,
         max_gap: float | None = None,
         max_tracks: int = 10_000,
@@ -125,15 +162,12 @@ class MultiTargetTracker:
     ) -> None:
         """Build the tracker."""
         settings = {
-            "associator": associator.name,
+            "associator": {"name": associator.name} | asdict(associator),
+            "initiator": asdict(initiator),
+            "detection_probability": _by_sensor(detection_probability, sensors),
+            "clutter_density": {} if clutter_density is None else _by_sensor(clutter_density, sensors),
             "gate_probability": gate.probability,
-            "m": initiator.m,
-            "n": initiator.n,
-            "max_speed": initiator.max_speed,
-            "min_displacement": initiator.min_displacement,
-            "min_separation": initiator.min_separation,
-            "max_misses": deletion.max_misses,
-            "max_time": deletion.max_time,
+            "deletion": deletion and (deletion.max_misses, deletion.max_time),
             "clutter_map": clutter_map
             and (clutter_map.radius, clutter_map.dwell, clutter_map.min_reports, clutter_map.memory),
             "max_gap": max_gap,
@@ -205,3 +239,8 @@ class MultiTargetTracker:
     def __reduce__(self) -> tuple[object, tuple[bytes]]:
         """Pickle through `to_bytes`, so that nothing but data is ever loaded."""
         return (MultiTargetTracker.from_bytes, (self.to_bytes(),))
+
+
+def _by_sensor(value: float | Mapping[str, float], sensors: Iterable[str]) -> dict[str, float]:
+    """A parameter for every sensor, or for those that have it."""
+    return dict(value) if isinstance(value, Mapping) else dict.fromkeys(sensors, value)

@@ -67,30 +67,49 @@ class GaussianState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """Everything one sensor reports at one time.
+    """Everything one sensor reports in one look.
 
     Args:
-        time: seconds.
+        time: seconds; where reports have times of their own, that of the last or later.
         values: reports (k, m); k = 0 is an empty scan: the sensor looked and saw nothing. NaN = component not observed.
         sensor: name of the sensor, as the tracker knows it.
         platform: position of the moving body that carries the sensor (d,), if it moves.
+        times: when each report was taken (k,), where that differs; none later than `time`. Tracks are updated at these
+            times. A report before the tracker's time, or after `time`, is dropped with an event.
 
     Raises:
-        DimensionError: `values` is not two-dimensional.
+        DimensionError: `values` is not two-dimensional, or `times` not of its length.
+
+    Example:
+        >>> import trackrs as tr
+        >>> len(tr.Scan(9.0, [[1e3, 0.2], [2e3, 0.1]], sensor="radar", times=[3.0, 6.0]))
+        2
     """
 
     time: float
     values: FloatArray
     sensor: str
     platform: FloatArray | None = None
+    times: FloatArray | None = None
 
-    def __init__(self, time: float, values: ArrayLike, sensor: str, platform: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        time: float,
+        values: ArrayLike,
+        sensor: str,
+        platform: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+    ) -> None:
         """Copy the arrays."""
         rows = np.zeros((0, 0)) if np.size(values) == 0 else values
         object.__setattr__(self, "time", float(time))
         object.__setattr__(self, "values", frozen_array(rows, "values", 2))
         object.__setattr__(self, "sensor", str(sensor))
         object.__setattr__(self, "platform", None if platform is None else frozen_array(platform, "platform", 1))
+        object.__setattr__(self, "times", None if times is None else frozen_array(times, "times", 1))
+        if self.times is not None and len(self.times) != len(self.values):
+            msg = f"times has length {len(self.times)}, values has {len(self.values)} rows"
+            raise DimensionError(msg)
 
     def __len__(self) -> int:
         """Return the number of reports."""
@@ -393,12 +412,14 @@ class Track:
         state: the estimate.
         last_hit: time of the last report given to the track, seconds.
         hits: reports given to it so far.
+        existence: probability that there is a target, where the tracker keeps it (`JIPDA`), else None.
     """
 
     id: int
     state: GaussianState
     last_hit: float
     hits: int
+    existence: float | None = None
 
     @property
     def coasting(self) -> bool:
@@ -418,6 +439,7 @@ class Tracks:
         last_hits: (N,) time of the last report given to the track.
         hits: (N,) reports given to it so far.
         labels: names of the state's components.
+        existences: (N,) probability that there is a target, where the tracker keeps it (`JIPDA`), else None.
     """
 
     scan_times: FloatArray
@@ -430,6 +452,7 @@ class Tracks:
     hits: NDArray[np.uint64]
     labels: tuple[str, ...]
     offsets: IntArray = field(repr=False)
+    existences: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -441,7 +464,8 @@ class Tracks:
 
     def _track(self, row: int) -> Track:
         state = GaussianState(self.means[row], self.covs[row], self.times[row])
-        return Track(int(self.ids[row]), state, float(self.last_hits[row]), int(self.hits[row]))
+        existence = None if self.existences is None else float(self.existences[row])
+        return Track(int(self.ids[row]), state, float(self.last_hits[row]), int(self.hits[row]), existence)
 
     def at(self, time: float) -> list[Track]:
         """Return the tracks after the last scan at or before `time`; none before the first scan."""
@@ -462,8 +486,8 @@ class Tracks:
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Return a tidy table as a dictionary of columns, one row per track and scan.
 
-        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, and one `cov_a_b` per element
-        of the covariance's lower triangle. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and
+        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, `existence` where it is kept,
+        and one `cov_a_b` per element of the covariance's lower triangle. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and
         `pyarrow.table(table)` take it.
         """
         rows_per_scan = np.diff(self.offsets)
@@ -474,6 +498,8 @@ class Tracks:
         }
         table |= {label: self.means[:, i] for i, label in enumerate(self.labels)}
         table |= {"last_hit": self.last_hits, "hits": self.hits}
+        if self.existences is not None:
+            table["existence"] = self.existences
         for i, a in enumerate(self.labels):
             for j, b in enumerate(self.labels[: i + 1]):
                 table[f"cov_{a}_{b}"] = self.covs[:, i, j]
@@ -506,7 +532,7 @@ class Ledger:
     Attributes:
         rows_in: rows received.
         used: rows that took part in tracking.
-        late: rows of scans older than the tracker's time.
+        late: rows older than the tracker's time, or of scans that are.
         duplicate: rows received before.
         rejected: rows dropped for another reason, by event code.
     """

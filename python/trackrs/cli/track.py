@@ -104,6 +104,9 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
         for name in ("scan_times", "times", "ids", "means", "covs", "last_hits", "hits")
     }
     arrays["offsets"] = np.append(np.concatenate(offsets), rows[-1])
+    existences = [part.existences for part in parts if part.existences is not None]
+    if len(existences) == len(parts):
+        arrays["existences"] = np.concatenate(existences)
     for value in arrays.values():
         value.setflags(write=False)
     return Tracks(sensors=tuple(name for part in parts for name in part.sensors), labels=parts[0].labels, **arrays)

@@ -220,6 +220,7 @@ def read_tracks(path: str | Path, scans: ScanTable | None = None) -> Tracks:
         hits=frozen(hits[order]),
         labels=labels,
         offsets=frozen(np.searchsorted(scan_of_row[order], np.arange(len(scans) + 1)).astype(np.int64)),
+        existences=frozen(table.numbers("existence")[order]) if "existence" in names else None,
     )
 
 

@@ -42,7 +42,7 @@ mod _trackrs {
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_vectors,
     };
     #[pymodule_export]
-    use crate::sim::{Underwater, reference_course, reference_hydrophones};
+    use crate::sim::{CloseTargets, Underwater, reference_course, reference_hydrophones};
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]

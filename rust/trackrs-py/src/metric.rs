@@ -239,6 +239,7 @@ pub(crate) fn evaluate<'py>(
                 },
                 last_hit: time,
                 hits: 0,
+                existence: None,
             })
             .collect(),
         centre: centres.as_ref().map(|c: &Vec<DVector<f64>>| c[k].clone()),

@@ -5,11 +5,12 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use trackrs::Error;
 use trackrs::model::{Sensor as _, SensorModel};
+use trackrs::sim::close_targets::{self, CloseTargetsSettings, Order};
 use trackrs::sim::course::{Course, Leg};
 use trackrs::sim::underwater::{self, Truth, UnderwaterSettings, bats_hydrophones, toss_hydrophones};
 
 use crate::array;
-use crate::error::compute;
+use crate::error::{compute, count};
 use crate::model::Sensor;
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
@@ -129,4 +130,92 @@ pub(crate) fn reference_hydrophones(py: Python<'_>) -> PyResult<Hydrophones<'_>>
         bats: array::from_matrix(py, &bats_hydrophones())?,
         toss: array::from_matrix(py, &toss_hydrophones())?,
     })
+}
+
+#[pyclass(frozen, module = "trackrs._trackrs")]
+pub(crate) struct CloseTargets {
+    core: close_targets::CloseTargets,
+    settings: CloseTargetsSettings,
+}
+
+/// What a run reported; origin −1 = false.
+#[derive(IntoPyObject)]
+pub(crate) struct Reports<'py> {
+    values: Bound<'py, PyArray2<f64>>,
+    origins: Bound<'py, PyArray1<i64>>,
+}
+
+#[pymethods]
+impl CloseTargets {
+    #[staticmethod]
+    fn make(
+        py: Python<'_>,
+        targets: i64,
+        separation: f64,
+        reports: i64,
+        interval: f64,
+        order: &str,
+        clutter: f64,
+    ) -> PyResult<Self> {
+        compute(py, || {
+            let order = match order {
+                "cyclic" => Order::Cyclic,
+                "boustrophedon" => Order::Boustrophedon,
+                "random" => Order::Random,
+                other => {
+                    let requirement = "must be cyclic, boustrophedon or random";
+                    return Err(Error::invalid("order", other, requirement));
+                }
+            };
+            let settings = CloseTargetsSettings {
+                targets: count("targets", targets)?,
+                separation,
+                reports: count("reports", reports)?,
+                interval,
+                order,
+                clutter,
+            };
+            let core = close_targets::CloseTargets::new(settings)?;
+            Ok(Self { core, settings })
+        })
+    }
+
+    /// Standard deviations of range and bearing.
+    fn noise(&self) -> (f64, f64) {
+        let noise = self.core.radar().noise();
+        (noise[(0, 0)].sqrt(), noise[(1, 1)].sqrt())
+    }
+
+    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, (0..self.settings.reports).map(|k| self.core.time(k)))
+    }
+
+    /// Target after target at each time, (T N)×4.
+    fn truth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let pairs = (0..self.settings.reports).flat_map(|k| (0..self.settings.targets).map(move |i| (k, i)));
+        let states: Vec<_> = pairs.map(|(k, i)| self.core.truth(i, self.core.time(k))).collect();
+        array::from_rows(py, states.iter(), 4)
+    }
+
+    /// Mean and variances at time 0 of each target, 2×4.
+    fn initial<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
+        let of = |i| {
+            let start = self.core.initial(i);
+            array::from_rows(py, [&start.mean, &start.cov.diagonal()].into_iter(), 4)
+        };
+        (0..self.settings.targets).map(of).collect()
+    }
+
+    fn clutter_area(&self) -> f64 {
+        self.core.clutter_area()
+    }
+
+    fn draw<'py>(&self, py: Python<'py>, seed: u64, run: u64) -> PyResult<Reports<'py>> {
+        let out = compute(py, || self.core.draw(seed, run))?;
+        let origin = |origin: &Option<usize>| origin.map_or(-1, |i| i64::try_from(i).unwrap_or(i64::MAX));
+        Ok(Reports {
+            values: array::from_rows(py, out.values.iter(), 2)?,
+            origins: PyArray1::from_iter(py, out.origins.iter().map(origin)),
+        })
+    }
 }

@@ -8,14 +8,15 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use trackrs::association::nearest::Associator;
+use trackrs::association::associator::Associator;
+use trackrs::association::npda::{Bookkeeping, Npda, PartialCovariance};
 use trackrs::event::Event;
 use trackrs::filter::sequence::InitialState;
 use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
 use trackrs::tracker::clutter_map::ClutterMap;
 use trackrs::tracker::config::TrackerConfig;
-use trackrs::tracker::lifecycle::{Deletion, MofN};
+use trackrs::tracker::lifecycle::{Deletion, Existence, Initiator, MofN};
 use trackrs::tracker::multi_target::MultiTargetTracker;
 use trackrs::{Scan, Track};
 
@@ -41,6 +42,7 @@ pub(crate) struct Columns<'py> {
     covs: Bound<'py, PyArray3<f64>>,
     last_hits: Bound<'py, PyArray1<f64>>,
     hits: Bound<'py, PyArray1<u64>>,
+    existences: Option<Bound<'py, PyArray1<f64>>>,
 }
 
 /// A scan of the facade.
@@ -50,37 +52,64 @@ pub(crate) struct ScanArrays<'py> {
     sensor: String,
     values: PyReadonlyArray2<'py, f64>,
     platform: Option<PyReadonlyArray1<'py, f64>>,
+    times: Option<PyReadonlyArray1<'py, f64>>,
 }
 
-/// The parameters that are plain numbers.
+/// An associator of the facade; what a kind does not have stands at its default.
 #[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct AssociatorItems {
+    name: String,
+    #[pyo3(default)]
+    coalescence_free: bool,
+    #[pyo3(default)]
+    clutter_probability: Option<f64>,
+    #[pyo3(default)]
+    covariance: String,
+    #[pyo3(default)]
+    bookkeeping: String,
+}
+
+/// An initiator of the facade, one kind or the other.
+#[derive(FromPyObject)]
+pub(crate) enum InitiatorItems {
+    #[pyo3(from_item_all)]
+    MofN {
+        m: i64,
+        n: i64,
+        max_speed: f64,
+        min_displacement: f64,
+        min_separation: f64,
+    },
+    #[pyo3(from_item_all)]
+    Existence {
+        max_speed: f64,
+        initial: f64,
+        confirm: f64,
+        drop: f64,
+        lifetime: f64,
+        min_displacement: f64,
+        min_separation: f64,
+    },
+}
+
+/// The parameters that are no models.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub(crate) struct Settings {
-    #[pyo3(item)]
-    associator: String,
-    #[pyo3(item)]
+    associator: AssociatorItems,
+    initiator: InitiatorItems,
+    /// By sensor.
+    detection_probability: BTreeMap<String, f64>,
+    /// By sensor.
+    clutter_density: BTreeMap<String, f64>,
     gate_probability: f64,
-    #[pyo3(item)]
-    m: i64,
-    #[pyo3(item)]
-    n: i64,
-    #[pyo3(item)]
-    max_speed: f64,
-    #[pyo3(item)]
-    min_displacement: f64,
-    #[pyo3(item)]
-    min_separation: f64,
-    #[pyo3(item)]
-    max_misses: i64,
-    #[pyo3(item)]
-    max_time: Option<f64>,
+    /// Misses, seconds.
+    deletion: Option<(i64, Option<f64>)>,
     /// Radius, dwell, minimum of reports, memory.
-    #[pyo3(item)]
     clutter_map: Option<(f64, f64, i64, f64)>,
-    #[pyo3(item)]
     max_gap: Option<f64>,
-    #[pyo3(item)]
     max_tracks: i64,
-    #[pyo3(item)]
     strict: bool,
 }
 
@@ -118,15 +147,73 @@ fn small(name: &str, value: i64) -> trackrs::Result<u32> {
     u32::try_from(count(name, value)?).map_err(|_| trackrs::Error::invalid(name, value, "is too large"))
 }
 
-fn associator(name: &str) -> trackrs::Result<Associator> {
-    match name {
+fn associator(items: &AssociatorItems) -> trackrs::Result<Associator> {
+    let coalescence_free = items.coalescence_free;
+    match items.name.as_str() {
         "nearest" => Ok(Associator::NearestNeighbour),
         "global_nearest" => Ok(Associator::GlobalNearestNeighbour),
-        other => Err(trackrs::Error::invalid(
-            "associator",
-            other,
-            "must be nearest or global_nearest",
-        )),
+        "pda" => Ok(Associator::Pda),
+        "jpda" => Ok(Associator::Jpda { coalescence_free }),
+        "jipda" => Ok(Associator::Jipda { coalescence_free }),
+        "npda" => npda(items).map(Associator::Npda),
+        other => Err(trackrs::Error::invalid("associator", other, "is not known")),
+    }
+}
+
+fn npda(items: &AssociatorItems) -> trackrs::Result<Npda> {
+    let covariance = match items.covariance.as_str() {
+        "moment" => PartialCovariance::Moment,
+        "paper" => PartialCovariance::Paper,
+        "joseph" => PartialCovariance::Joseph,
+        other => {
+            let requirement = "must be moment, paper or joseph";
+            return Err(trackrs::Error::invalid("covariance", other, requirement));
+        }
+    };
+    let bookkeeping = match items.bookkeeping.as_str() {
+        "each" => Bookkeeping::Each,
+        "paper" => Bookkeeping::Paper,
+        other => return Err(trackrs::Error::invalid("bookkeeping", other, "must be each or paper")),
+    };
+    Ok(Npda {
+        clutter_probability: items.clutter_probability,
+        covariance,
+        bookkeeping,
+    })
+}
+
+fn initiator(items: &InitiatorItems) -> trackrs::Result<Initiator> {
+    match *items {
+        InitiatorItems::MofN {
+            m,
+            n,
+            max_speed,
+            min_displacement,
+            min_separation,
+        } => Ok(Initiator::MofN(MofN {
+            m: small("m", m)?,
+            n: small("n", n)?,
+            max_speed,
+            min_displacement,
+            min_separation,
+        })),
+        InitiatorItems::Existence {
+            max_speed,
+            initial,
+            confirm,
+            drop,
+            lifetime,
+            min_displacement,
+            min_separation,
+        } => Ok(Initiator::Existence(Existence {
+            max_speed,
+            initial,
+            confirm,
+            drop,
+            lifetime,
+            min_displacement,
+            min_separation,
+        })),
     }
 }
 
@@ -154,20 +241,17 @@ impl Tracker {
         let initial = initial.into_iter().map(start).collect::<PyResult<_>>()?;
         let motion = motion.model.clone();
         let tracker = compute(py, move || {
-            let mut config = TrackerConfig::new(motion, sensors, settings.max_speed)?;
+            let initiator = initiator(&settings.initiator)?;
+            let mut config = TrackerConfig::new(motion, sensors, initiator.max_speed())?;
             config.associator = associator(&settings.associator)?;
+            config.initiator = initiator;
+            config.detection_probability = settings.detection_probability;
+            config.clutter_density = settings.clutter_density;
             config.gate = Gate::new(settings.gate_probability)?;
-            config.initiator = MofN {
-                m: small("m", settings.m)?,
-                n: small("n", settings.n)?,
-                max_speed: settings.max_speed,
-                min_displacement: settings.min_displacement,
-                min_separation: settings.min_separation,
-            };
-            config.deletion = Deletion {
-                max_misses: small("max_misses", settings.max_misses)?,
-                max_time: settings.max_time,
-            };
+            if let Some((max_misses, max_time)) = settings.deletion {
+                let max_misses = small("max_misses", max_misses)?;
+                config.deletion = Some(Deletion { max_misses, max_time });
+            }
             if let Some((radius, dwell, min_reports, memory)) = settings.clutter_map {
                 let min_reports = small("min_reports", min_reports)?;
                 config.clutter_map = Some(ClutterMap {
@@ -208,7 +292,7 @@ impl Tracker {
         let mut guard = self.lock(py)?;
         let tracker = &mut *guard;
         let tracks = compute(py, || tracker.step(&scan))?;
-        to_columns(py, tracker.config().motion.state_dim(), &[tracks])
+        to_columns(py, tracker.config(), &[tracks])
     }
 
     fn run<'py>(&self, py: Python<'py>, scans: Vec<ScanArrays<'py>>) -> PyResult<Columns<'py>> {
@@ -228,7 +312,7 @@ impl Tracker {
             py.check_signals()?;
         }
         compute(py, || tracker.ledger().check())?;
-        to_columns(py, tracker.config().motion.state_dim(), &tracks)
+        to_columns(py, tracker.config(), &tracks)
     }
 
     fn labels(&self, py: Python<'_>) -> PyResult<Vec<String>> {
@@ -291,6 +375,7 @@ fn to_scan(scan: &ScanArrays<'_>) -> PyResult<Scan> {
         .as_ref()
         .map(|p| array::vector(p, "platform"))
         .transpose()?;
+    let times = scan.times.as_ref().map(|t| array::vector(t, "times")).transpose()?;
     let empty = scan.values.shape()[0] == 0;
     Ok(Scan {
         time: scan.time,
@@ -301,10 +386,13 @@ fn to_scan(scan: &ScanArrays<'_>) -> PyResult<Scan> {
             array::rows(&scan.values, "values")?
         },
         platform: platform.map(|p: DVector<f64>| p.as_slice().to_vec()),
+        times: times.map(|t: DVector<f64>| t.as_slice().to_vec()),
     })
 }
 
-fn to_columns<'py>(py: Python<'py>, n: usize, scans: &[Vec<Track>]) -> PyResult<Columns<'py>> {
+fn to_columns<'py>(py: Python<'py>, config: &TrackerConfig, scans: &[Vec<Track>]) -> PyResult<Columns<'py>> {
+    let n = config.motion.state_dim();
+    let existence = matches!(config.initiator, Initiator::Existence(_));
     let all: Vec<&Track> = scans.iter().flatten().collect();
     let mut offsets = vec![0];
     for tracks in scans {
@@ -318,5 +406,6 @@ fn to_columns<'py>(py: Python<'py>, n: usize, scans: &[Vec<Track>]) -> PyResult<
         covs: array::from_symmetric(py, all.iter().map(|t| &t.state.cov), n)?,
         last_hits: PyArray1::from_iter(py, all.iter().map(|t| t.last_hit)),
         hits: PyArray1::from_iter(py, all.iter().map(|t| t.hits)),
+        existences: existence.then(|| PyArray1::from_iter(py, all.iter().map(|t| t.existence.unwrap_or(1.0)))),
     })
 }

@@ -23,6 +23,10 @@ pub enum EventCode {
     Duplicate,
     /// A scan of a sensor that the tracker does not have was dropped.
     UnknownSensor,
+    /// A report with a time of its own that lies before the tracker's time was dropped.
+    LateReport,
+    /// A report whose own time is no number, or later than its scan's, was dropped.
+    BadTime,
     /// A scan's time or platform position is not finite or has the wrong size; its rows were dropped.
     BadScan,
     /// A row with an infinite value was dropped.
@@ -38,6 +42,8 @@ pub enum EventCode {
     TrackDiverged,
     /// All tracks were ended because the time since the scan before was longer than allowed.
     GapReset,
+    /// Joint association probabilities were approximated, because the exact ones are beyond the budget.
+    Approximated,
     /// The limit on the number of tracks was reached; reports started no track.
     TrackLimit,
 }
@@ -49,6 +55,8 @@ impl EventCode {
             Self::LateScan => "late_scan",
             Self::Duplicate => "duplicate",
             Self::UnknownSensor => "unknown_sensor",
+            Self::LateReport => "late_report",
+            Self::BadTime => "bad_time",
             Self::BadScan => "bad_scan",
             Self::NonFinite => "non_finite",
             Self::WrongSize => "wrong_size",
@@ -56,6 +64,7 @@ impl EventCode {
             Self::TrackSkipped => "track_skipped",
             Self::TrackDiverged => "track_diverged",
             Self::GapReset => "gap_reset",
+            Self::Approximated => "approximated",
             Self::TrackLimit => "track_limit",
         }
     }
@@ -137,7 +146,7 @@ pub struct Ledger {
     pub rows_in: u64,
     /// Rows that took part in tracking.
     pub used: u64,
-    /// Rows dropped because their scan was late.
+    /// Rows dropped because they or their scan were late.
     pub late: u64,
     /// Rows dropped because they had been received before.
     pub duplicate: u64,
@@ -149,7 +158,7 @@ impl Ledger {
     /// Books `rows` dropped rows under the event that dropped them.
     pub fn drop_rows(&mut self, code: EventCode, rows: u64) {
         match code {
-            EventCode::LateScan => self.late += rows,
+            EventCode::LateScan | EventCode::LateReport => self.late += rows,
             EventCode::Duplicate => self.duplicate += rows,
             _ => *self.rejected.entry(code).or_default() += rows,
         }

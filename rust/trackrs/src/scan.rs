@@ -1,4 +1,4 @@
-//! A scan: everything one sensor reports at one time, empty scans included.
+//! A scan: everything one sensor reports in one look, empty scans included.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,9 @@ pub struct Scan {
     /// Position of the moving body that carries the sensor, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub platform: Option<Vec<f64>>,
+    /// When each report was taken, where that differs; none is later than `time`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times: Option<Vec<f64>>,
 }
 
 impl Scan {
@@ -26,6 +29,7 @@ impl Scan {
             sensor: sensor.into(),
             values,
             platform: None,
+            times: None,
         }
     }
 
@@ -36,11 +40,21 @@ impl Scan {
         self
     }
 
-    /// Whether both hold the same sensor, time, platform and reports, bit for bit.
+    /// The same scan with the time of each report.
+    #[must_use]
+    pub fn at_times(mut self, times: &[f64]) -> Self {
+        self.times = Some(times.to_vec());
+        self
+    }
+
+    /// Whether both hold the same sensor, times, platform and reports, bit for bit.
     pub fn same_content(&self, other: &Self) -> bool {
         let bits = |scan: &Self| -> Vec<Vec<u64>> {
             let rows = scan.values.iter().map(DVector::as_slice);
-            rows.chain(scan.platform.as_deref()).map(bit_pattern).collect()
+            rows.chain([scan.platform.as_deref().unwrap_or_default()])
+                .chain([scan.times.as_deref().unwrap_or_default()])
+                .map(bit_pattern)
+                .collect()
         };
         self.sensor == other.sensor && self.time.to_bits() == other.time.to_bits() && bits(self) == bits(other)
     }

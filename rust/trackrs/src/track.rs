@@ -17,4 +17,7 @@ pub struct Track {
     pub last_hit: f64,
     /// Reports given to the track so far.
     pub hits: u64,
+    /// Probability that there is a target, where the tracker keeps it.
+    #[serde(default)]
+    pub existence: Option<f64>,
 }

@@ -9,40 +9,17 @@
 //!
 //! Reference: Blackman, Popoli (1999), Design and Analysis of Modern Tracking Systems, §6.4.
 
-use serde::{Deserialize, Serialize};
-
 use super::assignment::assign_with_misses;
 use crate::error::Result;
 use crate::gating::mahalanobis::{GatedPair, GatedTrack};
-
-/// How reports are given to tracks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[non_exhaustive]
-pub enum Associator {
-    /// The cheapest pair first.
-    NearestNeighbour,
-    /// The cheapest set of pairs.
-    #[default]
-    GlobalNearestNeighbour,
-}
-
-impl Associator {
-    /// For every track the position in its list of pairs of the one it gets, if any.
-    ///
-    /// `reports` is the number of reports in the scan.
-    pub fn associate(self, tracks: &[GatedTrack], reports: usize) -> Result<Vec<Option<usize>>> {
-        match self {
-            Self::NearestNeighbour => Ok(nearest(tracks, reports)),
-            Self::GlobalNearestNeighbour => global(tracks, reports),
-        }
-    }
-}
 
 fn cost(pair: &GatedPair) -> f64 {
     -2.0 * pair.log_likelihood
 }
 
-fn nearest(tracks: &[GatedTrack], reports: usize) -> Vec<Option<usize>> {
+/// For every track the position in its list of pairs of the one it gets, if any: the cheapest pair first. `reports` is the
+/// number of reports in the scan.
+pub fn nearest(tracks: &[GatedTrack], reports: usize) -> Vec<Option<usize>> {
     let mut order: Vec<(f64, usize, usize)> = Vec::new();
     for (track, gated) in tracks.iter().enumerate() {
         order.extend(
@@ -66,7 +43,8 @@ fn nearest(tracks: &[GatedTrack], reports: usize) -> Vec<Option<usize>> {
     chosen
 }
 
-fn global(tracks: &[GatedTrack], reports: usize) -> Result<Vec<Option<usize>>> {
+/// The same for the cheapest set of pairs.
+pub fn global(tracks: &[GatedTrack], reports: usize) -> Result<Vec<Option<usize>>> {
     let mut chosen = vec![None; tracks.len()];
     for cluster in clusters(tracks, reports) {
         let mut columns: Vec<usize> = cluster
@@ -135,6 +113,7 @@ mod tests {
             report,
             nis,
             log_likelihood: -0.5 * nis,
+            log_density: -0.5 * nis,
             innovation: DVector::zeros(1),
         }
     }
@@ -149,23 +128,14 @@ mod tests {
     #[test]
     fn global_gives_up_the_nearest_pair_for_a_better_sum() {
         let tracks = [gated(vec![pair(0, 1.0), pair(1, 2.0)]), gated(vec![pair(0, 1.5)])];
-        assert_eq!(
-            Associator::NearestNeighbour.associate(&tracks, 2).unwrap(),
-            [Some(0), None]
-        );
-        assert_eq!(
-            Associator::GlobalNearestNeighbour.associate(&tracks, 2).unwrap(),
-            [Some(1), Some(0)]
-        );
+        assert_eq!(nearest(&tracks, 2), [Some(0), None]);
+        assert_eq!(global(&tracks, 2).unwrap(), [Some(1), Some(0)]);
     }
 
     #[test]
     fn one_good_pair_and_a_miss_beat_two_bad_pairs() {
         let tracks = [gated(vec![pair(0, 0.1), pair(1, 7.0)]), gated(vec![pair(0, 7.0)])];
-        assert_eq!(
-            Associator::GlobalNearestNeighbour.associate(&tracks, 2).unwrap(),
-            [Some(0), None]
-        );
+        assert_eq!(global(&tracks, 2).unwrap(), [Some(0), None]);
     }
 
     #[test]

@@ -162,7 +162,10 @@ mod tests {
             for (form, expected) in [
                 (PartialCovariance::Moment, &prior.cov - &ksk * beta + spread),
                 (PartialCovariance::Paper, &prior.cov - &ksk * (beta * beta)),
-                (PartialCovariance::Joseph, &prior.cov - &ksk * (2.0 * beta - beta * beta)),
+                (
+                    PartialCovariance::Joseph,
+                    &prior.cov - &ksk * (2.0 * beta - beta * beta),
+                ),
             ] {
                 let found = partial_update(&space, &prior, &updated, beta, form);
                 assert_relative_eq!(found.cov, expected, epsilon = 1e-14);

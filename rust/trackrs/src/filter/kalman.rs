@@ -34,7 +34,8 @@ use crate::linalg::kernel::{self, BadPivot, known, sized};
 use crate::linalg::sparse::Sparse;
 use crate::model::Motion;
 
-const LN_TAU: f64 = 1.837_877_066_409_345_3;
+/// ln 2π.
+pub const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
 /// A matrix of nalgebra, which keeps columns together, row by row.
 pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {

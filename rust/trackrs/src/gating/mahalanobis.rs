@@ -8,16 +8,19 @@
 //!
 //! A pair is kept if d² ≤ γ. First a box test: |z_j − ẑ_i|_c ≤ √(γ S_i,cc) holds for every component c of
 //! every point inside the ellipsoid, so that a pair outside the box needs no solve.
-//! A report with missing components is compared on the observed ones, with the quantile of their number.
+//! A report with missing components is compared on the observed ones, with the quantile of their number. Against a density
+//! of false reports per unit of the whole measurement space they are put at the mean of their own density, E[N] = ∫ N².
 //!
 //! Reference: Bar-Shalom, Li (1995), Multitarget-Multisensor Tracking, §1.4.2.
+
+use std::f64::consts::LN_2;
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, require_probability};
 use crate::filter::extended::Linearised;
-use crate::filter::kalman::{MeasurementPrediction, WhitenedInnovation};
+use crate::filter::kalman::{LN_TAU, MeasurementPrediction, WhitenedInnovation};
 use crate::gaussian::Gaussian;
 use crate::model::{Sensor, sensor};
 use crate::stats::chi_square;
@@ -56,6 +59,8 @@ pub struct GatedPair {
     pub nis: f64,
     /// ln N(z; ẑ, S) over the observed components.
     pub log_likelihood: f64,
+    /// The same as a density over all components: those not observed count as they do on the average.
+    pub log_density: f64,
     /// z − ẑ, angles wrapped; NaN where not observed.
     pub innovation: DVector<f64>,
 }
@@ -101,6 +106,7 @@ pub fn gate(
                 report,
                 nis: white.nis,
                 log_likelihood: white.log_likelihood,
+                log_density: white.log_likelihood + unobserved(prediction, &white),
                 innovation,
             });
         }
@@ -119,6 +125,17 @@ fn whiten(prediction: &MeasurementPrediction, innovation: &DVector<f64>) -> Resu
     let observed: Vec<usize> = (0..innovation.len()).filter(|&i| !innovation[i].is_nan()).collect();
     let part = prediction.select(&observed)?;
     Ok(part.whiten(&innovation.select_rows(&observed)))
+}
+
+/// ln ∫ N² of the k components that were not observed, given the others: −½ (k ln 4π + ln det S − ln det S_observed).
+fn unobserved(prediction: &MeasurementPrediction, white: &WhitenedInnovation) -> f64 {
+    let missing = prediction.cov().nrows() - white.dof;
+    if missing == 0 {
+        return 0.0;
+    }
+    // The determinant of the observed part is in its likelihood.
+    let log_determinant = -2.0 * white.log_likelihood - white.nis - white.dof as f64 * LN_TAU;
+    -0.5 * (missing as f64 * (LN_TAU + LN_2) + prediction.log_determinant() - log_determinant)
 }
 
 #[cfg(test)]

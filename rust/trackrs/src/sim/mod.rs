@@ -1,4 +1,5 @@
 //! Scenarios: truth and what the sensors would have reported of it, drawn from seeded streams.
 
+pub mod close_targets;
 pub mod course;
 pub mod underwater;

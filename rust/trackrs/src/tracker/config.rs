@@ -5,12 +5,16 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMap;
-use super::lifecycle::{Deletion, MofN};
-use crate::association::nearest::Associator;
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use super::lifecycle::{Deletion, Initiator, MofN};
+use crate::association::associator::Associator;
+use crate::association::odds::{Odds, require_detection};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_positive, require_size};
 use crate::filter::sequence::InitialState;
 use crate::gating::mahalanobis::Gate;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+
+/// Probability of detection where none is given.
+pub const DETECTION_PROBABILITY: f64 = 0.9;
 
 /// Everything that defines a tracker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -23,10 +27,16 @@ pub struct TrackerConfig {
     pub associator: Associator,
     /// Which reports a track may get.
     pub gate: Gate,
+    /// Probability that a sensor reports a target, by its name; [`DETECTION_PROBABILITY`] where not given.
+    #[serde(default)]
+    pub detection_probability: BTreeMap<String, f64>,
+    /// False reports per unit of the measurement space and scan, by the sensor's name, where known.
+    #[serde(default)]
+    pub clutter_density: BTreeMap<String, f64>,
     /// When tracks begin.
-    pub initiator: MofN,
-    /// When they end.
-    pub deletion: Deletion,
+    pub initiator: Initiator,
+    /// When they end, if that is not for their existence to decide; by [`Deletion::default`] if not given.
+    pub deletion: Option<Deletion>,
     /// Static echoes start no tracks, where a map is kept.
     pub clutter_map: Option<ClutterMap>,
     /// All tracks end when no scan came for so many seconds, if bounded.
@@ -47,17 +57,16 @@ impl TrackerConfig {
             sensors,
             associator: Associator::default(),
             gate: Gate::new(0.99)?,
-            initiator: MofN {
+            detection_probability: BTreeMap::new(),
+            clutter_density: BTreeMap::new(),
+            initiator: Initiator::MofN(MofN {
                 m: 3,
                 n: 5,
                 max_speed,
                 min_displacement: 0.0,
                 min_separation: 0.0,
-            },
-            deletion: Deletion {
-                max_misses: 5,
-                max_time: None,
-            },
+            }),
+            deletion: None,
             clutter_map: None,
             max_gap: None,
             max_tracks: 10_000,
@@ -85,7 +94,8 @@ impl TrackerConfig {
             return Err(Error::invalid("max_tracks", 0, "must be at least 1"));
         }
         self.initiator.check()?;
-        self.deletion.check()?;
+        self.deletion.map_or(Ok(()), |rule| rule.check())?;
+        self.check_association()?;
         self.clutter_map.map_or(Ok(()), |map| map.check())?;
         self.max_gap.map_or(Ok(()), |gap| require_positive("max_gap", gap))?;
         for start in &self.initial {
@@ -93,5 +103,72 @@ impl TrackerConfig {
             require_size("initial state", self.motion.state_dim(), start.state.dim())?;
         }
         Ok(())
+    }
+
+    /// What a sensor's detections are worth, as the associators need it.
+    pub fn odds(&self, sensor: &str) -> Odds {
+        let given = |map: &BTreeMap<String, f64>| map.get(sensor).copied();
+        Odds {
+            detection: given(&self.detection_probability).unwrap_or(DETECTION_PROBABILITY),
+            gate: self.gate.probability(),
+            density: given(&self.clutter_density).unwrap_or(0.0),
+        }
+    }
+
+    /// An error that names a sensor the tracker does not have.
+    pub fn unknown_sensor(&self, sensor: &str) -> Error {
+        let known: Vec<String> = self.sensors.keys().map(|name| format!("\"{name}\"")).collect();
+        Error::UnknownSensor {
+            sensor: sensor.into(),
+            known: known.join(", "),
+        }
+    }
+
+    fn check_association(&self) -> Result<()> {
+        self.associator.check()?;
+        for (sensor, &value) in &self.detection_probability {
+            self.require_sensor(sensor)?;
+            require_detection(&format!("detection_probability of \"{sensor}\""), value)?;
+        }
+        for (sensor, &value) in &self.clutter_density {
+            self.require_sensor(sensor)?;
+            require_non_negative(&format!("clutter_density of \"{sensor}\""), value)?;
+        }
+        if self.associator.needs_density() {
+            if let Some(sensor) = self
+                .sensors
+                .keys()
+                .find(|name| !self.clutter_density.contains_key(*name))
+            {
+                let name = format!("clutter_density of \"{sensor}\"");
+                let requirement = "must be given for this associator: false reports per unit of the measurement space";
+                return Err(Error::invalid(&name, "None", requirement));
+            }
+            require_detection("probability", self.gate.probability())?;
+        }
+        let by_existence = matches!(self.initiator, Initiator::Existence(_));
+        if by_existence != matches!(self.associator, Associator::Jipda { .. }) {
+            let requirement = "JIPDA and initiation by existence need one another";
+            return Err(Error::invalid(
+                "associator",
+                "this one with this initiator",
+                requirement,
+            ));
+        }
+        if by_existence && self.deletion.is_some() {
+            return Err(Error::invalid(
+                "deletion",
+                "given",
+                "must not be: existence decides when tracks end",
+            ));
+        }
+        Ok(())
+    }
+
+    fn require_sensor(&self, sensor: &str) -> Result<()> {
+        if self.sensors.contains_key(sensor) {
+            return Ok(());
+        }
+        Err(self.unknown_sensor(sensor))
     }
 }

@@ -4,22 +4,15 @@ use std::collections::HashSet;
 
 use nalgebra::DVector;
 
+use super::look::Row;
 use super::multi_target::MultiTargetTracker;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::event::{Event, EventCode};
 use crate::model::Sensor;
 use crate::model::sensor::check_platform;
 use crate::scan::{Scan, bit_pattern};
 
 impl MultiTargetTracker {
-    pub(super) fn unknown_sensor(&self, sensor: &str) -> Error {
-        let known: Vec<String> = self.config.sensors.keys().map(|name| format!("\"{name}\"")).collect();
-        Error::UnknownSensor {
-            sensor: sensor.into(),
-            known: known.join(", "),
-        }
-    }
-
     pub(super) fn record(&mut self, scan: &Scan, code: EventCode, row: Option<usize>, reason: &str) -> Result<()> {
         self.events.record(Event {
             code,
@@ -33,7 +26,10 @@ impl MultiTargetTracker {
     /// Why a whole scan cannot be used, if so.
     pub(super) fn refusal(&self, scan: &Scan) -> Option<(EventCode, String)> {
         let Some(sensor) = self.config.sensors.get(&scan.sensor) else {
-            return Some((EventCode::UnknownSensor, self.unknown_sensor(&scan.sensor).to_string()));
+            return Some((
+                EventCode::UnknownSensor,
+                self.config.unknown_sensor(&scan.sensor).to_string(),
+            ));
         };
         if !scan.time.is_finite() {
             return Some((EventCode::BadScan, format!("its time is {}", scan.time)));
@@ -49,18 +45,23 @@ impl MultiTargetTracker {
         {
             return Some((EventCode::Duplicate, "it repeats the sensor's last scan".into()));
         }
+        if let Some(times) = scan.times.as_ref().filter(|times| times.len() != scan.values.len()) {
+            let reason = format!("it has {} reports and {} times", scan.values.len(), times.len());
+            return Some((EventCode::BadScan, reason));
+        }
         match self.time {
             Some(now) if scan.time < now => Some((EventCode::LateScan, format!("the tracker stands at {now} s"))),
             _ => None,
         }
     }
 
-    /// The rows that take part; the others are booked.
-    pub(super) fn usable_rows(&mut self, scan: &Scan) -> Result<Vec<DVector<f64>>> {
+    /// The rows that take part, in the order of their times; the others are booked.
+    pub(super) fn usable_rows(&mut self, scan: &Scan) -> Result<Vec<Row>> {
         let width = self.config.sensors.get(&scan.sensor).map_or(0, Sensor::measurement_dim);
         let mut seen = HashSet::new();
         let mut rows = Vec::with_capacity(scan.values.len());
         for (index, row) in scan.values.iter().enumerate() {
+            let time = scan.times.as_ref().map_or(scan.time, |times| times[index]);
             let fault = if row.len() != width {
                 Some((
                     EventCode::WrongSize,
@@ -70,19 +71,33 @@ impl MultiTargetTracker {
                 Some((EventCode::NonFinite, "it holds an infinite value".into()))
             } else if row.iter().all(|v| v.is_nan()) {
                 Some((EventCode::NotObserved, "no component was observed".into()))
-            } else if !seen.insert(bit_pattern(row.as_slice())) {
+            } else if !(time <= scan.time && time > f64::NEG_INFINITY) {
+                Some((
+                    EventCode::BadTime,
+                    format!("its time is {time}, that of the scan {}", scan.time),
+                ))
+            } else if let Some(now) = self.time.filter(|&now| time < now) {
+                Some((
+                    EventCode::LateReport,
+                    format!("it is of {time} s, the tracker stands at {now} s"),
+                ))
+            } else if !seen.insert((time.to_bits(), bit_pattern(row.as_slice()))) {
                 Some((EventCode::Duplicate, "it repeats a row of its scan".into()))
             } else {
                 None
             };
             match fault {
-                None => rows.push(row.clone()),
+                None => rows.push(Row {
+                    time,
+                    value: row.clone(),
+                }),
                 Some((code, reason)) => {
                     self.ledger.drop_rows(code, 1);
                     self.record(scan, code, Some(index), &reason)?;
                 }
             }
         }
+        rows.sort_by(|a, b| a.time.total_cmp(&b.time));
         Ok(rows)
     }
 }

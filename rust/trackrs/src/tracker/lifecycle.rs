@@ -9,12 +9,17 @@
 //! * A confirmed track ends once every sensor that ever hit it has missed it `max_misses` times in a row, after
 //!   `max_time` seconds without a hit, or when it gets faster than a target can be.
 //!
-//! Reference: Bar-Shalom, Li (1995), §3.3 (M of N); Blackman, Popoli (1999), §6.2.
+//! Where the associator keeps the probability that there is a target (JIPDA), that decides instead:
+//! * A report begins a track with the probability `initial` times that of no track explaining it.
+//! * Between scans existence decays with `lifetime`: r ← r e^(−Δt/lifetime).
+//! * A tentative track is confirmed at `confirm`, if it has moved and stands clear as above; every track ends below `drop`.
+//!
+//! References: Bar-Shalom, Li (1995), §3.3 (M of N); Blackman, Popoli (1999), §6.2; Mušicki, Evans (2004), JIPDA.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result, require_non_negative, require_positive};
+use crate::error::{Error, Result, require_non_negative, require_positive, require_probability};
 use crate::gaussian::Gaussian;
 use crate::model::Motion;
 
@@ -48,6 +53,96 @@ impl MofN {
     }
 }
 
+/// Initiation, confirmation and end by the probability that there is a target.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Existence {
+    /// Upper bound on the speed of a target, m/s.
+    pub max_speed: f64,
+    /// Probability that a report which no track explains is of a new target.
+    pub initial: f64,
+    /// A track is confirmed from this existence on.
+    pub confirm: f64,
+    /// A track below this existence ends.
+    pub drop: f64,
+    /// How long a target stays on the average, seconds.
+    pub lifetime: f64,
+    /// As in [`MofN`].
+    pub min_displacement: f64,
+    /// No track begins or is confirmed closer than this to a confirmed one, metres.
+    pub min_separation: f64,
+}
+
+impl Existence {
+    /// Checks the parameters.
+    pub fn check(&self) -> Result<()> {
+        require_positive("max_speed", self.max_speed)?;
+        require_probability("initial", self.initial)?;
+        require_probability("confirm", self.confirm)?;
+        require_positive("lifetime", self.lifetime)?;
+        if !(self.drop >= 0.0 && self.drop < self.confirm) {
+            return Err(Error::invalid(
+                "drop",
+                self.drop,
+                "must be at least 0 and below confirm",
+            ));
+        }
+        if self.initial <= self.drop {
+            return Err(Error::invalid("initial", self.initial, "must be above drop"));
+        }
+        require_non_negative("min_displacement", self.min_displacement)?;
+        require_non_negative("min_separation", self.min_separation)
+    }
+
+    /// Probability that a target stays for `dt` seconds.
+    pub fn survival(&self, dt: f64) -> f64 {
+        libm::exp(-dt / self.lifetime)
+    }
+}
+
+/// How tracks begin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Initiator {
+    /// By counting hits.
+    MofN(MofN),
+    /// By the probability of existence.
+    Existence(Existence),
+}
+
+impl Initiator {
+    /// Checks the parameters.
+    pub fn check(&self) -> Result<()> {
+        match self {
+            Self::MofN(rule) => rule.check(),
+            Self::Existence(rule) => rule.check(),
+        }
+    }
+
+    /// Upper bound on the speed of a target, m/s.
+    pub fn max_speed(&self) -> f64 {
+        match self {
+            Self::MofN(rule) => rule.max_speed,
+            Self::Existence(rule) => rule.max_speed,
+        }
+    }
+
+    /// How far a track must have moved to be confirmed, metres.
+    pub fn min_displacement(&self) -> f64 {
+        match self {
+            Self::MofN(rule) => rule.min_displacement,
+            Self::Existence(rule) => rule.min_displacement,
+        }
+    }
+
+    /// No track is confirmed closer than this to a confirmed one, metres.
+    pub fn min_separation(&self) -> f64 {
+        match self {
+            Self::MofN(rule) => rule.min_separation,
+            Self::Existence(rule) => rule.min_separation,
+        }
+    }
+}
+
 /// The end of confirmed tracks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Deletion {
@@ -55,6 +150,15 @@ pub struct Deletion {
     pub max_misses: u32,
     /// Seconds without a hit, if bounded.
     pub max_time: Option<f64>,
+}
+
+impl Default for Deletion {
+    fn default() -> Self {
+        Self {
+            max_misses: 5,
+            max_time: None,
+        }
+    }
 }
 
 impl Deletion {
@@ -182,10 +286,10 @@ pub fn ended(windows: &[Window], idle: f64, rule: &Deletion) -> bool {
 
 /// Whether a track has moved as a target does since it began `age` seconds ago: far enough, and not too fast, neither by
 /// its estimate nor on the way it has come.
-pub fn moves(state: &Gaussian, start: &DVector<f64>, age: f64, rule: &MofN) -> bool {
+pub fn moves(state: &Gaussian, start: &DVector<f64>, age: f64, rule: &Initiator) -> bool {
     let displacement = (state.mean.rows(0, start.len()) - start).norm();
-    let fast = speed(state, start.len()).max(if age > 0.0 { displacement / age } else { 0.0 }) > rule.max_speed;
-    !fast && displacement >= rule.min_displacement
+    let fast = speed(state, start.len()).max(if age > 0.0 { displacement / age } else { 0.0 }) > rule.max_speed();
+    !fast && displacement >= rule.min_displacement()
 }
 
 /// Length of the velocity, 0 where the state has none.

@@ -6,33 +6,48 @@ use crate::gaussian::Gaussian;
 use crate::model::{Sensor, SensorModel};
 use crate::scan::Scan;
 
+/// A report that takes part.
+pub(super) struct Row {
+    pub(super) time: f64,
+    pub(super) value: DVector<f64>,
+}
+
 /// One scan while it is being worked on.
 pub(super) struct Look<'a> {
     pub(super) scan: &'a Scan,
     pub(super) sensor: SensorModel,
     pub(super) sensor_index: usize,
     pub(super) platform: Option<DVector<f64>>,
-    pub(super) reports: Vec<DVector<f64>>,
+    /// In the order of their times.
+    pub(super) rows: Vec<Row>,
     /// Where each report lies, where its sensor can tell.
     pub(super) positions: Vec<Option<Gaussian>>,
     pub(super) fates: Vec<Fate>,
 }
 
 impl<'a> Look<'a> {
-    pub(super) fn new(scan: &'a Scan, sensor_index: usize, sensor: SensorModel, reports: Vec<DVector<f64>>) -> Self {
+    pub(super) fn new(scan: &'a Scan, sensor_index: usize, sensor: SensorModel, rows: Vec<Row>) -> Self {
         let platform = scan.platform.as_ref().map(|p| DVector::from_row_slice(p));
         Self {
-            positions: reports
+            positions: rows
                 .iter()
-                .map(|report| sensor.locate(report, platform.as_ref()))
+                .map(|row| sensor.locate(&row.value, platform.as_ref()))
                 .collect(),
-            fates: vec![Fate::default(); reports.len()],
+            fates: vec![Fate::default(); rows.len()],
             scan,
             sensor,
             sensor_index,
             platform,
-            reports,
+            rows,
         }
+    }
+
+    /// The times at which there are reports, increasing, and at the end that of the scan.
+    pub(super) fn epochs(&self) -> Vec<f64> {
+        let mut out: Vec<f64> = self.rows.iter().map(|row| row.time).collect();
+        out.push(self.scan.time);
+        out.dedup();
+        out
     }
 }
 
@@ -42,9 +57,11 @@ pub(super) struct Fate {
     pub(super) taker: Option<Taker>,
     pub(super) near_confirmed: bool,
     pub(super) echo: bool,
+    /// Probability that it is of a track.
+    pub(super) explained: f64,
 }
 
-/// The track that took a report.
+/// The track that took a report: the likeliest, where it is more likely than not that the report is of a track.
 #[derive(Clone, Copy)]
 pub(super) struct Taker {
     pub(super) track: usize,
@@ -52,7 +69,7 @@ pub(super) struct Taker {
 }
 
 impl Fate {
-    /// Whether the report may start a track.
+    /// Whether the report may start a track that is to be confirmed by counting.
     pub(super) fn is_free(&self) -> bool {
         self.taker.is_none() && !self.near_confirmed && !self.echo
     }

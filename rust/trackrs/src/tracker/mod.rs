@@ -3,6 +3,10 @@
 pub mod clutter_map;
 pub mod config;
 mod intake;
+mod joint;
 pub mod lifecycle;
+mod live;
 mod look;
 pub mod multi_target;
+mod population;
+mod sequential;

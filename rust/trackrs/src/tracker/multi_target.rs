@@ -2,55 +2,45 @@
 //!
 //! For each scan:
 //! 1. its rows are checked; what is refused becomes an event, and every row is booked in the ledger;
-//! 2. all tracks are predicted to its time;
-//! 3. reports are gated with and given to confirmed tracks, then the remaining ones to tentative tracks;
+//! 2. all tracks are predicted to its time, and to those of its reports where they have their own;
+//! 3. reports are gated with and given to confirmed tracks, then the remaining ones to tentative tracks (`joint`); with
+//!    existence probabilities all tracks compete; NPDA takes the reports one by one instead (`sequential`);
 //! 4. what confirmed tracks left over feeds the clutter map; a tentative track that took a static echo ends;
 //! 5. tracks are confirmed and ended ([`super::lifecycle`]);
 //! 6. reports that no track took, that are no static echo and lie in no confirmed track's gate start tentative tracks,
-//!    at rest, with the speed bound as uncertainty.
+//!    at rest, with the speed bound as uncertainty. With existence probabilities every report does, with the probability
+//!    that it is of no track.
 //!
 //! Sensors are taken one after the other as their scans come; a scan updates only what its own sensor can see.
 
 use std::collections::BTreeMap;
 
-use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMapState;
 use super::config::TrackerConfig;
-use super::lifecycle::{Start, Window, ended, enough_hits, hopeless, moves, speed, start_state};
-use super::look::{Look, Taker};
-use crate::error::{Error, Result, require_finite, require_size};
+use super::joint::Group;
+use super::lifecycle::{Initiator, Start, Window};
+use super::live::LiveTrack;
+use super::look::Look;
+use crate::association::associator::Associator;
+use crate::error::{Error, Result, require_finite, require_probability, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
-use crate::filter::extended::linearise;
 use crate::filter::kalman;
-use crate::gating::mahalanobis::{Expectation, GatedTrack, gate};
 use crate::gaussian::Gaussian;
-use crate::model::{Motion, Sensor};
+use crate::model::Motion;
 use crate::scan::Scan;
 use crate::state;
 use crate::track::Track;
-
-/// A track inside the tracker, tentative while it has no id.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-struct LiveTrack {
-    id: Option<u64>,
-    state: Gaussian,
-    start: Start,
-    born: f64,
-    windows: Vec<Window>,
-    last_hit: f64,
-    hits: u64,
-}
 
 /// The tracker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct MultiTargetTracker {
     pub(super) config: TrackerConfig,
     pub(super) time: Option<f64>,
-    tracks: Vec<LiveTrack>,
-    next_id: u64,
-    clutter: Option<ClutterMapState>,
+    pub(super) tracks: Vec<LiveTrack>,
+    pub(super) next_id: u64,
+    pub(super) clutter: Option<ClutterMapState>,
     pub(super) last_scans: BTreeMap<String, Scan>,
     pub(super) events: EventLog,
     pub(super) ledger: Ledger,
@@ -75,6 +65,8 @@ impl MultiTargetTracker {
             let ahead = tracker.time.map_or(0.0, |now| now - start.time);
             let track = LiveTrack {
                 id: Some(tracker.next_id),
+                stored: tracker.stored(&start.state, start.time),
+                existence: matches!(tracker.config.initiator, Initiator::Existence(_)).then_some(1.0),
                 start: Start::new(
                     start
                         .state
@@ -118,6 +110,7 @@ impl MultiTargetTracker {
                 state: track.state.clone(),
                 last_hit: track.last_hit,
                 hits: track.hits,
+                existence: track.existence,
             })
         };
         self.tracks.iter().filter_map(report).collect()
@@ -128,7 +121,7 @@ impl MultiTargetTracker {
         let mut previous = self.time.unwrap_or(f64::NEG_INFINITY);
         for scan in scans {
             if !self.config.sensors.contains_key(&scan.sensor) {
-                return Err(self.unknown_sensor(&scan.sensor));
+                return Err(self.config.unknown_sensor(&scan.sensor));
             }
             require_finite("scan time", [&scan.time])?;
             if scan.time < previous {
@@ -162,16 +155,26 @@ impl MultiTargetTracker {
         let reports = self.usable_rows(scan)?;
         self.ledger.used += reports.len() as u64;
         self.last_scans.insert(scan.sensor.clone(), scan.clone());
-        self.predict(scan)?;
         let sensors = self.config.sensors.iter().enumerate();
         if let Some((index, (_, sensor))) = sensors.into_iter().find(|(_, (name, _))| **name == scan.sensor) {
             let mut look = Look::new(scan, index, sensor.clone(), reports);
-            self.associate(&mut look, true)?;
-            self.associate(&mut look, false)?;
+            let before = self.begin(scan)?;
+            if let Associator::Npda(npda) = self.config.associator {
+                self.associate_in_turn(&mut look, &npda, before)?;
+            } else {
+                let priors = self.predict(&look, before)?;
+                if matches!(self.config.associator, Associator::Jipda { .. }) {
+                    self.associate(&mut look, &priors, Group::All)?;
+                } else {
+                    self.associate(&mut look, &priors, Group::Confirmed)?;
+                    self.associate(&mut look, &priors, Group::Tentative)?;
+                }
+            }
             self.map_clutter(&mut look);
             self.end(&look);
             self.confirm(scan.time);
             self.initiate(&look)?;
+            self.drop_diverged(scan, "their estimate")?;
         }
         Ok(self.tracks())
     }
@@ -204,181 +207,64 @@ impl MultiTargetTracker {
                 track.start.position().len(),
             )?;
             require_size("track windows", self.config.sensors.len(), track.windows.len())?;
+            track
+                .existence
+                .map_or(Ok(()), |r| require_probability("track existence", r))?;
+            if let Some(stored) = &track.stored {
+                require_finite("time of a track", [&stored.time])?;
+                require_size("stored state", track.state.dim(), stored.state.dim())?;
+            }
         }
         Ok(())
     }
 
-    fn predict(&mut self, scan: &Scan) -> Result<()> {
-        let dt = self.time.map_or(0.0, |now| scan.time - now);
+    /// Ends what cannot go on to the scan's time, and puts the clock there. Returns where the tracks stand.
+    fn begin(&mut self, scan: &Scan) -> Result<f64> {
+        let before = self.time.unwrap_or(scan.time);
+        let dt = scan.time - before;
         self.time = Some(scan.time);
         if self.config.max_gap.is_some_and(|gap| dt > gap) && !self.tracks.is_empty() {
             let reason = format!("{dt} s without a scan: {} tracks ended", self.tracks.len());
             self.tracks.clear();
             self.record(scan, EventCode::GapReset, None, &reason)?;
         }
-        for track in &mut self.tracks {
-            track.state = kalman::predict(&track.state, &self.config.motion, dt, None)?;
+        if let Initiator::Existence(rule) = self.config.initiator {
+            let survival = rule.survival(dt);
+            for track in &mut self.tracks {
+                track.existence = track.existence.map(|existence| existence * survival);
+            }
         }
-        let finite = |track: &LiveTrack| {
-            track
-                .state
-                .mean
-                .iter()
-                .chain(track.state.cov.iter())
-                .all(|v| v.is_finite())
-        };
-        let diverged = self.tracks.iter().filter(|track| !finite(track)).count();
-        if diverged > 0 {
-            self.tracks.retain(finite);
-            let reason = format!("{diverged} tracks ended: {dt} s ahead their prediction is not finite");
-            self.record(scan, EventCode::TrackDiverged, None, &reason)?;
-        }
-        Ok(())
+        Ok(before)
     }
 
-    /// Gives reports to tracks of one kind, confirmed or tentative, and updates them.
-    fn associate(&mut self, look: &mut Look, confirmed: bool) -> Result<()> {
-        let open: Vec<usize> = (0..look.reports.len())
-            .filter(|&row| look.fates[row].taker.is_none())
-            .collect();
-        let candidates: Vec<DVector<f64>> = open.iter().map(|&row| look.reports[row].clone()).collect();
-        let thresholds = self.config.gate.thresholds(look.sensor.measurement_dim())?;
-        let mut members = Vec::new();
-        let mut expectations = Vec::new();
-        let mut gated = Vec::new();
-        for index in 0..self.tracks.len() {
-            if self.tracks[index].id.is_some() != confirmed {
-                continue;
-            }
-            let compared = compare(&self.tracks[index].state, look, &candidates, &thresholds);
-            match compared {
-                Ok(compared) => {
-                    members.push(index);
-                    expectations.push(compared.expectation);
-                    gated.push(compared.gated);
-                }
-                Err(error) => self.record(look.scan, EventCode::TrackSkipped, None, &error.to_string())?,
+    /// The predictions of every track to every epoch of the scan; the tracks stand at the last one afterwards.
+    fn predict(&mut self, look: &Look, before: f64) -> Result<Vec<Vec<Gaussian>>> {
+        let mut priors = vec![Vec::new(); self.tracks.len()];
+        let mut now = before;
+        for time in look.epochs() {
+            self.advance(now, time)?;
+            now = time;
+            for (priors, track) in priors.iter_mut().zip(&self.tracks) {
+                priors.push(track.state.clone());
             }
         }
-        let chosen = self.config.associator.associate(&gated, candidates.len())?;
-        for (slot, &index) in members.iter().enumerate() {
-            if confirmed {
-                gated[slot]
-                    .pairs
-                    .iter()
-                    .for_each(|pair| look.fates[open[pair.report]].near_confirmed = true);
-            }
-            let track = &mut self.tracks[index];
-            track.windows[look.sensor_index].push(chosen[slot].is_some());
-            let Some(pair) = chosen[slot].map(|choice| &gated[slot].pairs[choice]) else {
-                continue;
-            };
-            let Expectation { prior, linearised } = &expectations[slot];
-            track.state = linearised.prediction.update(prior, &pair.innovation)?.posterior;
-            track.last_hit = look.scan.time;
-            track.hits += 1;
-            let row = open[pair.report];
-            look.fates[row].taker = Some(Taker {
-                track: index,
-                confirmed,
-            });
-            if let Some(position) = &look.positions[row] {
-                track.start.add(position.mean.as_slice());
-            }
-        }
-        Ok(())
+        let mut finite = self.tracks.iter().map(LiveTrack::is_finite);
+        priors.retain(|_| finite.next().unwrap_or(false));
+        drop(finite);
+        self.drop_diverged(
+            look.scan,
+            &format!("{} s ahead their prediction", look.scan.time - before),
+        )?;
+        Ok(priors)
     }
 
-    /// Feeds the clutter map with what confirmed tracks left over, and tells which of it is a static echo.
-    fn map_clutter(&mut self, look: &mut Look) {
-        let Some(map) = &mut self.clutter else {
-            return;
-        };
-        for (fate, position) in look.fates.iter_mut().zip(&look.positions) {
-            let Some(position) = position
-                .as_ref()
-                .filter(|_| !fate.taker.is_some_and(|taker| taker.confirmed))
-            else {
-                continue;
-            };
-            fate.echo = map.is_static(&position.mean);
-            map.add(&position.mean, look.scan.time);
+    fn drop_diverged(&mut self, scan: &Scan, what: &str) -> Result<()> {
+        let count = self.tracks.iter().filter(|track| !track.is_finite()).count();
+        if count == 0 {
+            return Ok(());
         }
+        self.tracks.retain(LiveTrack::is_finite);
+        let reason = format!("{count} tracks ended: {what} is not finite");
+        self.record(scan, EventCode::TrackDiverged, None, &reason)
     }
-
-    fn end(&mut self, look: &Look) {
-        let dims = self.config.motion.position_dims();
-        let (begin, end) = (self.config.initiator, self.config.deletion);
-        let mut on_echo = vec![false; self.tracks.len()];
-        for fate in look.fates.iter().filter(|fate| fate.echo) {
-            if let Some(taker) = fate.taker {
-                on_echo[taker.track] = true;
-            }
-        }
-        let mut on_echo = on_echo.into_iter();
-        self.tracks.retain(|track| {
-            let on_echo = on_echo.next().unwrap_or(false);
-            if track.id.is_none() {
-                return !on_echo && !hopeless(&track.windows, &begin);
-            }
-            let idle = look.scan.time - track.last_hit;
-            !ended(&track.windows, idle, &end) && speed(&track.state, dims) <= begin.max_speed
-        });
-    }
-
-    fn confirm(&mut self, time: f64) {
-        let rule = self.config.initiator;
-        let dims = self.config.motion.position_dims();
-        for index in 0..self.tracks.len() {
-            let track = &self.tracks[index];
-            let ready = track.id.is_none()
-                && enough_hits(&track.windows, &rule)
-                && moves(&track.state, &track.start.position(), time - track.born, &rule);
-            let position = |track: &LiveTrack| track.state.mean.rows(0, dims).into_owned();
-            let clear = |other: &LiveTrack| (position(other) - position(track)).norm() >= rule.min_separation;
-            if ready && self.tracks.iter().filter(|other| other.id.is_some()).all(clear) {
-                self.tracks[index].id = Some(self.next_id);
-                self.next_id += 1;
-            }
-        }
-    }
-
-    fn initiate(&mut self, look: &Look) -> Result<()> {
-        for (row, (fate, position)) in look.fates.iter().zip(&look.positions).enumerate() {
-            let Some(position) = position.as_ref().filter(|_| fate.is_free()) else {
-                continue;
-            };
-            if self.tracks.len() >= self.config.max_tracks {
-                self.record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
-                continue;
-            }
-            let mut windows = vec![Window::default(); self.config.sensors.len()];
-            windows[look.sensor_index].push(true);
-            self.tracks.push(LiveTrack {
-                id: None,
-                state: start_state(position, &self.config.motion, self.config.initiator.max_speed),
-                start: Start::new(position.mean.as_slice()),
-                born: look.scan.time,
-                windows,
-                last_hit: look.scan.time,
-                hits: 1,
-            });
-        }
-        Ok(())
-    }
-}
-
-/// A track seen by the sensor of a scan.
-struct Compared {
-    expectation: Expectation,
-    gated: GatedTrack,
-}
-
-fn compare(prior: &Gaussian, look: &Look, candidates: &[DVector<f64>], thresholds: &[f64]) -> Result<Compared> {
-    let expectation = Expectation {
-        prior: prior.clone(),
-        linearised: linearise(prior, &look.sensor, look.platform.as_ref())?,
-    };
-    let gated = gate(&expectation, &look.sensor, candidates, thresholds)?;
-    Ok(Compared { expectation, gated })
 }
