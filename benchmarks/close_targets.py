@@ -2,8 +2,8 @@
 
     python benchmarks/close_targets.py [--runs 500] [--clutter 0 0.05 0.1 0.2]
 
-The table of section 5 of the NPDA spec. Right: at the end each track's nearest truth is its own, and no two estimates are
-closer than half the separation. rms: of the position, over targets and the times after every third report.
+The table of section 5 of the NPDA spec. Right: at the end each track's nearest truth is its own, and no two estimates
+are closer than half the separation. rms: of the position, over targets and the times after every third report.
 """
 
 from __future__ import annotations

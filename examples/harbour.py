@@ -1,8 +1,9 @@
 """Radar and lidar scans of a harbour, recorded from a small ferry, become tracks; the tracks are scored against truth.
 
-    python examples/harbour.py [--out FOLDER]
+    python examples/harbour.py [--out FOLDER] [--config examples/harbour_jipda.toml]
 
-Tracks the five recordings of `examples/data/autoferry` with the one parameter set of `examples/harbour.toml`, prints a
+Tracks the five recordings of `examples/data/autoferry` with the one parameter set of `examples/harbour.toml` (global
+nearest neighbour; `harbour_jipda.toml` has the same with existence probabilities), prints a
 table, and leaves per recording its tracks (CSV) and a picture (PNG) in `out/harbour`. The same in Rust:
 `cargo run --release --example harbour`.
 """
@@ -132,9 +133,11 @@ def main() -> None:
     """Track all recordings and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/harbour"), help="folder of the results (%(default)s)")
-    out = parser.parse_args().out
+    parser.add_argument("--config", type=Path, default=HERE / "harbour.toml", help="(%(default)s)")
+    arguments = parser.parse_args()
+    out = arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    config = load_config(HERE / "harbour.toml")
+    config = load_config(arguments.config)
     rows = [track(scenario, config, out) for scenario in SCENARIOS]
 
     print("  ".join(column.head for column in COLUMNS))

@@ -114,6 +114,27 @@ def test_everything_is_read(load):
     assert isinstance(config.make_tracker(), tr.MultiTargetTracker)
 
 
+def test_associators_and_initiators_have_kinds(load):
+    text = GOOD.replace('associator = "nearest_neighbour"', 'associator = {type = "npda", clutter_probability = 0.1}')
+    assert load(text).tracker["associator"] == tr.NPDA(clutter_probability=0.1)
+    text = GOOD.replace(
+        'associator = "nearest_neighbour"', 'associator = "jipda"\nclutter_density = {radar = 1e-4, sonar = 1}'
+    )
+    text = text.replace(
+        "{m = 2, n = 3, max_speed = 12, min_displacement = 10.0}", '{type = "existence", max_speed = 12}'
+    )
+    text = text.replace("[tracker.deletion]\nmax_misses = 4\n", "")
+    config = load(text)
+    assert config.tracker["associator"] == tr.JIPDA()
+    assert config.tracker["initiator"] == tr.Existence(max_speed=12.0)
+    assert config.tracker["clutter_density"] == {"radar": 1e-4, "sonar": 1}
+    assert isinstance(config.make_tracker(), tr.MultiTargetTracker)
+    assert "initial = " in message(load, text.replace("max_speed = 12}", "max_speed = 12, initial = 2}"))
+    assert "[tracker.initiator]: unknown key" in message(load, text.replace("max_speed = 12}", "max_sped = 12}"))
+    assert "[tracker] clutter_density" in message(load, text.replace("{radar = 1e-4, sonar = 1}", '"some"'))
+    assert 'clutter_density of "radar"' in message(load, text.replace("radar = 1e-4, ", ""))
+
+
 def test_only_models_and_tracker_are_needed(load):
     text = GOOD[: GOOD.index("[tracker]")] + "[tracker.initiator]\nm = 1\nn = 1\nmax_speed = 1"
     config = load(text)

@@ -51,6 +51,19 @@ def test_harbour(tmp_path):
         assert len(set(found.ids.tolist())) == tracks
 
 
+def test_close_targets(tmp_path):
+    command = [sys.executable, ROOT / "examples" / "close_targets.py", "--out", tmp_path / "out", "--runs", "4"]
+    lines = run(command, tmp_path).splitlines()
+    right = {
+        line[:30].strip(): [int(share.strip("%")) for share in line.split() if share.endswith("%")]
+        for line in lines[1:6]
+    }
+    assert right.pop('"JPDAF" as printed (figure 4)') == [0, 0]
+    assert {share[0] for share in right.values()} == {100}
+    assert right["JPDA"][1] == 0 < right["JPDA, coalescence-free"][1]
+    assert (tmp_path / "out" / "close_targets.png").stat().st_size > 10_000
+
+
 @pytest.mark.timeout(300)
 def test_underwater(tmp_path):
     out = run([sys.executable, ROOT / "examples" / "underwater.py", "--out", tmp_path / "out", "--runs", "3"], tmp_path)

@@ -15,9 +15,8 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 SCENARIOS = ("scenario02", "scenario03", "scenario05", "scenario13", "scenario16")
 
 
-@pytest.fixture(scope="module")
-def scores():
-    config = load_config(EXAMPLES / "harbour.toml")
+def scored(name):
+    config = load_config(EXAMPLES / name)
     out = []
     for scenario in SCENARIOS:
         folder = EXAMPLES / "data" / "autoferry" / scenario
@@ -38,6 +37,11 @@ def scores():
     return out
 
 
+@pytest.fixture(scope="module")
+def scores():
+    return scored("harbour.toml")
+
+
 def test_gospa(scores):
     means = [next(iter(score.mean.values())) for score in scores]
     assert np.mean(means) <= 11.0
@@ -55,3 +59,13 @@ def test_false_tracks_and_switches(scores):
 
 def test_position_nees_is_reported(scores):
     assert all(np.isfinite(score.nees) for score in scores)
+
+
+def test_with_existence_probabilities():
+    scores = scored("harbour_jipda.toml")
+    means = [next(iter(score.mean.values())) for score in scores]
+    assert np.mean(means) <= 9.5
+    assert max(means) <= 13.0
+    assert np.mean([score.all_held for score in scores]) >= 0.85
+    assert np.mean([score.false_per_minute for score in scores]) <= 0.5
+    assert sum(score.switches for score in scores) <= 1

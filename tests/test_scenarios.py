@@ -12,7 +12,7 @@ import pytest
 
 import trackrs as tr
 from courses import jerk
-from trackrs.scenarios import Course, Leg, underwater
+from trackrs.scenarios import Course, Leg, close_targets, underwater
 
 DATA = Path(__file__).parent / "data"
 
@@ -154,3 +154,29 @@ def test_records_are_frozen_and_mistakes_are_named():
         scene.draw(1, 2**64)
     with pytest.raises(TypeError):
         scene.draw(1.5)
+
+
+@pytest.mark.parametrize(("order", "clutter"), [("cyclic", 0.0), ("random", 0.3), ("boustrophedon", 0.3)])
+def test_close_targets_are_drawn_from_the_published_generator(order, clutter):
+    scene = close_targets(separation=150.0, order=order, clutter=clutter)
+    reports, deviates = scene.draw(7, 3), Deviates(7, 3)
+    assert scene.clutter_area == 4000.0 * 650.0
+    turns = {"cyclic": [0, 1, 2, 0, 1, 2], "boustrophedon": [0, 1, 2, 2, 1, 0]}
+    for k, time in enumerate(scene.times):
+        assert time == 3.0 * (k + 1)
+        target = int(3 * deviates.uniform())
+        if order in turns:
+            target = turns[order][k % 6]
+        state = np.array([500.0 + 100.0 * time, 1000.0 + 150.0 * target, 100.0, 0.0])
+        assert np.array_equal(scene.truth[k, target], state)
+        expected = scene.radar.observe(state) + np.array([20.0 * deviates.normal(), 1e-3 * deviates.normal()])
+        false = deviates.uniform() < clutter
+        offset = [2000.0 * deviates.uniform() - 1000.0, 1300.0 * deviates.uniform() - 650.0]
+        if false:
+            expected = scene.radar.observe([state[0] + offset[0], 1150.0 + offset[1], 0.0, 0.0])
+        assert reports.origins[k] == (-1 if false else target)
+        assert np.allclose(reports.values[k], expected, rtol=1e-12)
+    assert [len(scan) for scan in reports.scans(7)] == [7] * 8 + [4]
+    for name, value in [("targets", 0), ("separation", 0.0), ("clutter", 1.5), ("order", "any"), ("interval", -1.0)]:
+        with pytest.raises(tr.ParameterError, match=name):
+            close_targets(**{name: value})

@@ -253,8 +253,8 @@ def close_targets(
 ) -> CloseTargets:
     """Return the scenario of the NPDA paper: targets side by side at 100 m/s, reported one at a time by a radar.
 
-    The paper leaves open the order of the reports, their number and the time of the first one. The same run has the same
-    noise whatever `order` and `clutter` are.
+    The paper leaves open the order of the reports, their number and the time of the first one. The same run has the
+    same noise whatever `order` and `clutter` are.
 
     Args:
         targets: how many.

@@ -487,8 +487,8 @@ class Tracks:
         """Return a tidy table as a dictionary of columns, one row per track and scan.
 
         Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, `existence` where it is kept,
-        and one `cov_a_b` per element of the covariance's lower triangle. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and
-        `pyarrow.table(table)` take it.
+        and one `cov_a_b` per element of the covariance's lower triangle. `pandas.DataFrame(table)`,
+        `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
         """
         rows_per_scan = np.diff(self.offsets)
         table: dict[str, NDArray[Any]] = {
