@@ -93,7 +93,9 @@ def k_best(costs: ArrayLike, k: int, *, miss_costs: ArrayLike | None = None) -> 
         [[0], [-1]]
     """
     misses = None if miss_costs is None else array(miss_costs, "miss_costs", 1)
-    return tuple(Assignment(frozen(columns), cost) for columns, cost in _trackrs.k_best(array(costs, "costs", 2), k, misses))
+    return tuple(
+        Assignment(frozen(columns), cost) for columns, cost in _trackrs.k_best(array(costs, "costs", 2), k, misses)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,9 +119,7 @@ class Marginals:
     log_total: float
 
 
-def marginals(
-    weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000, prune: bool = False
-) -> Marginals:
+def marginals(weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000, prune: bool = False) -> Marginals:
     """Return with what probability each track has each report, given that no report is of two tracks (JPDA).
 
     A joint event gives every track one report or none, and no report to two tracks. Its weight is the product of the

@@ -163,16 +163,19 @@ fn clusters(weights: &Weights) -> Vec<Vec<usize>> {
             parent[a.max(b)] = a.min(b);
         }
     }
-    // A root is the first track of its cluster.
-    let mut clusters: Vec<Vec<usize>> = Vec::new();
-    let mut index = vec![0; weights.tracks()];
+    let mut sizes = vec![0; weights.tracks()];
     for track in 0..weights.tracks() {
-        let root = root(&mut parent, track);
+        parent[track] = root(&mut parent, track);
+        sizes[parent[track]] += 1;
+    }
+    // A root is the first track of its cluster; from here on its size stands for the place of the cluster.
+    let mut clusters: Vec<Vec<usize>> = Vec::new();
+    for (track, &root) in parent.iter().enumerate() {
         if root == track {
-            index[track] = clusters.len();
-            clusters.push(Vec::new());
+            clusters.push(Vec::with_capacity(sizes[root]));
+            sizes[root] = clusters.len() - 1;
         }
-        clusters[index[root]].push(track);
+        clusters[sizes[root]].push(track);
     }
     clusters
 }

@@ -86,10 +86,12 @@ impl Weights {
         let mut weights = Self::new(columns - 1, domain);
         weights.misses.reserve(tracks);
         weights.starts.reserve(tracks);
-        weights.candidates.reserve(values.len() - tracks);
+        let zero = weights.zero();
+        weights
+            .candidates
+            .reserve(values.iter().filter(|&&value| value != zero).count());
         for row in values.chunks_exact(columns) {
             let candidate = |(report, &weight)| Candidate { report, weight };
-            let zero = weights.zero();
             let candidates = row[1..].iter().enumerate().map(candidate);
             weights.push(row[0], candidates.filter(|c| c.weight != zero))?;
         }
