@@ -164,7 +164,9 @@ impl Cluster {
             barred += 2.0 * cost.abs();
         }
         let can_miss = misses.iter().map(|&cost| cost < f64::INFINITY).collect();
-        misses.iter_mut().for_each(|cost| *cost = cost.min(barred));
+        for cost in &mut misses {
+            *cost = cost.min(barred);
+        }
         Costs {
             pairs,
             misses,

@@ -16,7 +16,7 @@
 use super::cluster::Cluster;
 
 /// Layers have at most this many bits.
-const WIDEST: usize = 40;
+const WIDEST: usize = 30;
 
 /// What one item of the scan does.
 #[derive(Debug)]

@@ -159,7 +159,7 @@ impl Weights {
 
     fn check(&self, value: f64, track: usize, column: usize) -> Result<()> {
         let usable = match self.domain {
-            Domain::Linear => value >= 0.0 && value < f64::INFINITY,
+            Domain::Linear => (0.0..f64::INFINITY).contains(&value),
             Domain::Log => value < f64::INFINITY,
         };
         if usable {
