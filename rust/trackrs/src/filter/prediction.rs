@@ -19,7 +19,7 @@ use nalgebra::{DMatrix, DVector};
 use super::extended::Rule;
 use super::kalman::copy_rows;
 use super::sigma_points::{SigmaPoints, Spread};
-use super::square_root::{Form, lower_root, square, triangularise};
+use super::square_root::{Form, Reflector, lower_root, square};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel::{self, known, sized};
@@ -72,6 +72,7 @@ struct Root {
     /// The step for which the factor of Q is the model's own; NaN: none.
     noise_dt: f64,
     rows: Vec<f64>,
+    reflector: Reflector,
 }
 
 impl Prediction {
@@ -99,6 +100,7 @@ impl Prediction {
                 noise: square(),
                 noise_dt: f64::NAN,
                 rows: Vec::with_capacity((3 * n + 1) * n),
+                reflector: Reflector::default(),
             }),
         }
     }
@@ -180,9 +182,12 @@ impl Prediction {
             root.rows.clear();
             // Row k of U Fᵀ is F times row k of U.
             for row in factor.chunks_exact(n.max(1)) {
-                root.rows.extend((0..n).map(|i| self.sparse.row_dot(i, row)));
+                match &self.upper {
+                    Some(upper) => upper.extend_product(row, &mut root.rows),
+                    None => root.rows.extend((0..n).map(|i| self.sparse.row_dot(i, row))),
+                }
             }
-            root.finish(n, &mut self.product, cov);
+            root.finish(n, cov);
             return Ok(());
         }
         let prior = prior.cov.as_slice();
@@ -222,7 +227,7 @@ impl Prediction {
             root.rows.clear();
             root.rows.extend_from_slice(&spread.slopes);
             root.rows.extend_from_slice(&spread.bends);
-            root.finish(n, &mut self.product, cov);
+            root.finish(n, cov);
         } else {
             cov.copy_from_slice(bent);
             kernel::transpose(n, &spread.slopes, &mut self.transposed);
@@ -291,9 +296,9 @@ impl From<&Prediction> for Steps {
 
 impl Root {
     /// The factor and the covariance of the rows gathered and the noise.
-    fn finish(&mut self, n: usize, sum: &mut [f64], cov: &mut [f64]) {
+    fn finish(&mut self, n: usize, cov: &mut [f64]) {
         self.rows.extend_from_slice(&self.noise);
-        triangularise(n, &mut self.rows, sum);
+        self.reflector.triangularise(n, &mut self.rows);
         self.factor.copy_from_slice(&self.rows[..n * n]);
         square(n, &self.factor, cov);
     }
@@ -310,7 +315,7 @@ pub(super) fn draw(spread: &mut Spread, rule: &SigmaPoints, prior: &Gaussian, fa
         .chunks_exact(n.max(1))
         .flat_map(|row| row.iter().rev().copied())
         .collect();
-    triangularise(n, &mut rows, &mut vec![0.0; n]);
+    Reflector::default().triangularise(n, &mut rows);
     let mut lower = vec![0.0; n * n];
     for k in 0..n {
         let row = &rows[(n - 1 - k) * n..(n - k) * n];
