@@ -1,6 +1,7 @@
 //! Recursive estimation of one target's state.
 
 pub mod adaptation;
+mod chart;
 mod complete;
 mod correction;
 pub mod extended;

@@ -20,7 +20,7 @@ use super::square_root::{Form, factor_of};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::gaussian::Gaussian;
-use crate::model::motion::Augmented;
+use crate::model::motion::{Augmented, RigidBody};
 use crate::model::sensor::check_platform;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
@@ -74,8 +74,15 @@ pub struct Filter {
 
 impl Filter {
     /// The extended Kalman filter of these models. The lasting errors of a sensor that has such are estimated with the
-    /// target: they stand behind the state of the motion.
+    /// target: they stand behind the state of the motion. Where the sensor needs a rotation vector in the state, the motion
+    /// becomes that of a [`RigidBody`].
     pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
+        let motion = match sensor.attitude() {
+            Some(at) if motion.space().attitude.is_none() && at + 3 <= motion.position_dims() => {
+                MotionModel::RigidBody(Box::new(RigidBody::around(motion, at)?))
+            }
+            _ => motion,
+        };
         sensor.check(&motion)?;
         let motion = match sensor.nuisance() {
             Some(nuisance) => MotionModel::Augmented(Box::new(Augmented::new(motion, nuisance))),
@@ -249,7 +256,7 @@ impl Filter {
         }
         self.require_states("input", input)?;
         let input = input.map(|input| self.complete_input(input));
-        let mut prediction = Prediction::new(state.dim(), self.method.rule, self.method.form);
+        let mut prediction = Prediction::new(self.motion.space(), self.method.rule, self.method.form);
         let mut factor = factor_of(self.method.form, &state.cov)?;
         let mut state = state.clone();
         for step in 0..self.steps {
@@ -276,7 +283,14 @@ impl Filter {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
         self.require_possible(measurement.as_slice(), &"")?;
-        extended::update(state, &self.sensor, measurement, platform, self.method)
+        extended::update_in(
+            self.motion.space(),
+            state,
+            &self.sensor,
+            measurement,
+            platform,
+            self.method,
+        )
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.

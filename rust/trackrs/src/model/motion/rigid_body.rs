@@ -62,6 +62,15 @@ impl RigidBody {
         let rows = by * matrix.fixed_rows::<3>(self.attitude);
         matrix.fixed_rows_mut::<3>(self.attitude).copy_from(&rows);
     }
+
+    /// J P Jᵀ.
+    fn turned_cov(&self, mut cov: DMatrix<f64>, by: &Matrix3<f64>) -> DMatrix<f64> {
+        self.turn_rows(&mut cov, by);
+        cov.transpose_mut();
+        self.turn_rows(&mut cov, by);
+        symmetrise(&mut cov);
+        cov
+    }
 }
 
 impl Motion for RigidBody {
@@ -107,18 +116,20 @@ impl Motion for RigidBody {
     }
     fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
         let by = right_jacobian(&block(&self.moved(state, dt), self.attitude));
-        let mut out = self.base.noise(dt);
-        self.turn_rows(&mut out, &by);
-        out.transpose_mut();
-        self.turn_rows(&mut out, &by);
-        symmetrise(&mut out);
-        out
+        self.turned_cov(self.base.noise(dt), &by)
     }
     fn is_linear(&self) -> bool {
         false
     }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         self.base.noise_input(dt)
+    }
+    fn noise_input_at(&self, state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
+        let mut input = self.base.noise_input(dt)?;
+        let by = right_jacobian(&block(&self.moved(state, dt), self.attitude));
+        self.turn_rows(&mut input.gain, &by);
+        input.rest = input.rest.map(|rest| self.turned_cov(rest, &by));
+        Some(input)
     }
     fn space(&self) -> StateSpace {
         StateSpace {
