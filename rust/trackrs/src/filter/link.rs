@@ -122,10 +122,7 @@ impl Link {
             // P_i|k, counted from x⁻.
             let mut counted = later.cov.to_vec();
             Chart::back(turns.at, &turns.later).both(n, &mut counted);
-            let later = GaussianRef {
-                cov: &counted,
-                ..later
-            };
+            let later = GaussianRef { cov: &counted, ..later };
             sized!(back(n, self, later, scratch, mean, cov));
             let _ = Chart::of_step(self.space, &self.before, mean);
             Chart::forth(turns.at, &turns.earlier).both(n, cov);

@@ -16,8 +16,8 @@ use super::square_root::{Form, lower_cholesky, lower_root, solve_forward, solve_
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel;
-use crate::model::{Sensor, StateSpace};
 use crate::model::sensor::residual_into;
+use crate::model::{Sensor, StateSpace};
 
 /// One state and one measurement of it.
 #[derive(Clone, Copy)]

@@ -14,8 +14,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::{Fitted, Row, Window};
+use super::kalman::{self, MeasurementPrediction};
 use super::sequence::InitialState;
-use super::start::{TimedFix, start_state};
+use super::start::{TimedFix, local_fixes, start_state};
 use crate::error::{Error, Result};
 use crate::gaussian::Gaussian;
 use crate::model::sensor::{MIRROR_GAP, PositionFix};
@@ -44,10 +45,14 @@ pub struct Start {
 #[derive(Clone)]
 pub struct Starter<'a> {
     motion: &'a dyn Motion,
+    /// The motion of coordinates that add.
+    base: &'a dyn Motion,
     sensor: &'a dyn Sensor,
     fixer: &'a dyn PositionFix,
     order: usize,
     alpha: f64,
+    /// Whether fixes that nothing can contradict must agree with one another.
+    agreement: bool,
     /// What is known of the lasting errors, where the sensor has such.
     prior: Option<Gaussian>,
     /// Either all of one measurement with a fix, or all gathered; only the last may be unfinished.
@@ -96,17 +101,20 @@ impl<'a> Starter<'a> {
             return missing("must be given: the sensor alone cannot start a state");
         };
         let nuisance = sensor.nuisance();
-        let Some(order) = kinematic_order(motion, nuisance.as_ref().map_or(&[], |n| n.labels.as_slice())) else {
+        let base = motion.base().unwrap_or(motion);
+        let Some(order) = kinematic_order(base, nuisance.as_ref().map_or(&[], |n| n.labels.as_slice())) else {
             return missing("must be given: only a state of position, velocity and acceleration starts by itself");
         };
         crate::error::require_probability("alpha", alpha)?;
         let alpha = if nuisance.is_some() { alpha * alpha } else { alpha };
         Ok(Self {
             motion,
+            base,
             sensor,
             fixer,
             order,
             alpha,
+            agreement: false,
             prior: nuisance.map(|n| n.prior()),
             groups: Vec::new(),
             carried: None,
@@ -123,6 +131,23 @@ impl<'a> Starter<'a> {
             prior.cov.copy_from(&state.cov.view((n - q, n - q), (q, q)));
         }
         self
+    }
+
+    /// The same search where fixes without redundancy of their own must agree with one another, one more of them than the
+    /// state has derivatives: what a filter that has lost its target may not start from is three gross errors.
+    #[must_use]
+    pub(super) fn with_agreement(mut self) -> Self {
+        self.agreement = self.fixer.redundancy() == 0;
+        self
+    }
+
+    /// How many groups make a start.
+    fn needed(&self) -> usize {
+        if self.agreement {
+            CONSECUTIVE.max(self.order + 1)
+        } else {
+            CONSECUTIVE
+        }
     }
 
     /// The first start in these measurements, which follow those searched before. `inputs`, where given, are one vector
@@ -159,29 +184,67 @@ impl<'a> Starter<'a> {
                 self.refused.get_or_insert(error);
             }
         }
-        if self.groups.iter().filter(|group| group.complete).count() < CONSECUTIVE {
+        let needed = self.needed();
+        if self.groups.iter().filter(|group| group.complete).count() < needed {
             return Ok(None);
         }
         let rows = || self.groups.iter().flat_map(|group| &group.rows);
         let pushed = self.prior.is_some() || rows().skip(1).any(Row::is_pushed);
-        let fixes: Option<Vec<TimedFix>> = self.groups[CONSECUTIVE - self.order..]
+        let fixes: Option<Vec<TimedFix>> = self
+            .groups
             .iter()
             .map(|group| {
                 let (time, position) = (group.rows.last()?.time, group.fix.clone()?);
                 Some(TimedFix { time, position })
             })
             .collect();
-        match fixes {
-            Some(fixes) if !pushed => start_state(&fixes, self.order, Some(self.motion)).map(Some),
-            _ => match self.fit() {
-                Ok(state) => Ok(Some(InitialState { time, state })),
-                Err(error) => {
-                    self.groups.remove(0);
-                    self.refused.get_or_insert(error);
-                    Ok(None)
-                }
-            },
+        let found = match fixes {
+            Some(fixes) if !pushed => self.through(&fixes),
+            _ => self.fit().map(|state| InitialState { time, state }),
+        };
+        match found {
+            Ok(initial) => Ok(Some(initial)),
+            Err(error) => {
+                self.groups.remove(0);
+                self.refused.get_or_insert(error);
+                Ok(None)
+            }
         }
+    }
+
+    /// The state at the last of these fixes.
+    fn through(&self, fixes: &[TimedFix]) -> Result<InitialState> {
+        let attitude = self.motion.space().attitude;
+        let local = local_fixes(fixes, self.fixer.angles(), attitude);
+        if self.agreement {
+            self.require_agreement(&local)?;
+        }
+        let mut start = start_state(&local[local.len() - self.order..], self.order, Some(self.base))?;
+        if let (Some(at), Some(last)) = (attitude, fixes.last()) {
+            // The turn from the last fix is zero there.
+            let turn = last.position.mean.fixed_rows::<3>(at);
+            start.state.mean.fixed_rows_mut::<3>(at).copy_from(&turn);
+        }
+        Ok(start)
+    }
+
+    /// Whether the fixes beyond the first few lie where these say, by the test of their innovations.
+    fn require_agreement(&self, fixes: &[TimedFix]) -> Result<()> {
+        let (first, rest) = fixes.split_at(self.order);
+        let InitialState { mut time, mut state } = start_state(first, self.order, Some(self.base))?;
+        let (mut statistic, mut dof) = (0.0, 0);
+        for fix in rest {
+            state = kalman::predict(&state, self.base, fix.time - time, None)?;
+            time = fix.time;
+            let d = fix.position.dim();
+            let position = DMatrix::identity(d, state.dim());
+            let expected = MeasurementPrediction::new(&state, &position, &fix.position.cov)?;
+            let update = expected.update(&state, &(&fix.position.mean - &position * &state.mean))?;
+            statistic += update.nis;
+            dof += d;
+            state = update.posterior;
+        }
+        self.require_likely(chi_square::survival(statistic, dof))
     }
 
     /// The known input since the last row with components.
@@ -225,10 +288,10 @@ impl<'a> Starter<'a> {
         if let Err(error) = self.tested(measurement) {
             self.refused.get_or_insert(error);
         }
-        if self.groups.iter().any(|group| group.fix.is_some()) {
+        if self.groups.iter().any(|group| group.fix.is_some()) || !self.fixer.gathers() {
             self.groups.clear();
         }
-        if measurement.iter().all(|v| v.is_nan()) {
+        if !self.fixer.gathers() || measurement.iter().all(|v| v.is_nan()) {
             return Ok(());
         }
         if self.groups.last().is_none_or(|group| group.complete) {
@@ -246,6 +309,10 @@ impl<'a> Starter<'a> {
 
     /// The state fitted to all groups, tested.
     fn fit(&self) -> Result<Gaussian> {
+        if self.motion.space().attitude.is_some() {
+            let requirement = "must be given where known inputs move a state with an attitude";
+            return Err(Error::invalid("initial", "missing", requirement));
+        }
         let nothing = Gaussian {
             mean: DVector::zeros(0),
             cov: DMatrix::zeros(0, 0),
@@ -314,7 +381,7 @@ impl<'a> Starter<'a> {
             .as_ref()
             .map_or(String::new(), |e| format!("; first refusal: {e}"));
         Error::Unobservable {
-            sensor: "the array".into(),
+            sensor: self.fixer.name().into(),
             reason: format!(
                 "no {CONSECUTIVE} consecutive measurements, or groups of them, gave position fixes that pass their test (alpha = {}){first}",
                 self.alpha

@@ -269,11 +269,14 @@ impl Walk {
             *o = x - predicted;
         }
         // The covariance is that of an error about x⁻ too.
-        let counted = epoch.link.settle(self.now.mean.as_slice(), &mut self.offset).map(|chart| {
-            let mut cov = self.now.cov.clone();
-            chart.both(n, cov.as_mut_slice());
-            cov
-        });
+        let counted = epoch
+            .link
+            .settle(self.now.mean.as_slice(), &mut self.offset)
+            .map(|chart| {
+                let mut cov = self.now.cov.clone();
+                chart.both(n, cov.as_mut_slice());
+                cov
+            });
         self.noise.clear();
         self.noise
             .extend(z.chunks_exact(n).map(|row| kernel::dot(row, &self.offset)));

@@ -73,6 +73,10 @@ pub trait Motion: Debug + Send + Sync {
     fn noise_input_at(&self, _state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
         self.noise_input(dt)
     }
+    /// The kinematic motion of small changes of a state that does not add, where this is one of such.
+    fn base(&self) -> Option<&dyn Motion> {
+        None
+    }
     /// Where the states live: `jacobian`, `noise` and covariances are those of its differences.
     fn space(&self) -> StateSpace {
         StateSpace::euclidean(self.state_dim())
@@ -167,6 +171,9 @@ impl Motion for MotionModel {
     }
     fn noise_input_at(&self, state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
         self.as_motion().noise_input_at(state, dt)
+    }
+    fn base(&self) -> Option<&dyn Motion> {
+        self.as_motion().base()
     }
     fn space(&self) -> StateSpace {
         self.as_motion().space()

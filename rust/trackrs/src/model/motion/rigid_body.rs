@@ -131,6 +131,9 @@ impl Motion for RigidBody {
         input.rest = input.rest.map(|rest| self.turned_cov(rest, &by));
         Some(input)
     }
+    fn base(&self) -> Option<&dyn Motion> {
+        Some(&self.base)
+    }
     fn space(&self) -> StateSpace {
         StateSpace {
             dim: self.state_dim(),

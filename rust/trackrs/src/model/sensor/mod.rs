@@ -5,6 +5,7 @@ mod camera_fix;
 mod camera_start;
 pub mod closed_form;
 mod curvature;
+mod direct_fix;
 mod fix;
 mod heard;
 mod linear;

@@ -17,7 +17,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::{Motion, Sensor};
+use super::{Motion, PositionFix, Sensor};
 use crate::error::{Error, Result, require_positive, require_size};
 use crate::model::rotation::reported_vector;
 
@@ -111,6 +111,9 @@ impl Sensor for PoseSensor {
     }
     fn is_linear(&self) -> bool {
         self.form == AttitudeForm::Euler
+    }
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
+        Some(self)
     }
 }
 
