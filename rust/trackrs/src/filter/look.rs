@@ -95,7 +95,9 @@ impl Look {
             (Rule::SigmaPoints(points), Some(carried)) if !points.redraws() => {
                 self.expect_carried(&points, target, carried)?;
             }
-            (Rule::SigmaPoints(points), _) if !target.sensor.is_linear() => self.expect_of_points(&points, target)?,
+            (Rule::SigmaPoints(points), _) if !target.sensor.is_linear_in_changes() => {
+                self.expect_of_points(&points, target)?;
+            }
             _ => self.expect_by_slope(target)?,
         }
         residual_into(

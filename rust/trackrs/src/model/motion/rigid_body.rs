@@ -16,7 +16,7 @@
 //! Deviation: over a step in which ω changes its direction exp(φ) is the first term of the Magnus series; the next one is
 //! ω × ω̇ dt³/12: 4e-5 rad for 3 rad/s and 20 rad/s² across each other, at 50 Hz.
 
-use nalgebra::{DMatrix, DVector, Matrix3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Motion, MotionModel, NoiseInput};
@@ -117,6 +117,31 @@ impl Motion for RigidBody {
     fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
         let by = right_jacobian(&block(&self.moved(state, dt), self.attitude));
         self.turned_cov(self.base.noise(dt), &by)
+    }
+    /// F x by the elements of F that are not zero: F is that of the base, which is linear.
+    fn propagate_all(&self, states: &[f64], dt: f64, out: &mut [f64]) -> Result<()> {
+        let (n, at) = (self.state_dim(), self.attitude);
+        let f = self.base.jacobian(&DVector::zeros(n), dt);
+        let every = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+        let elements: Vec<_> = every
+            .filter(|&(i, j)| !(at..at + 3).contains(&j) && f[(i, j)] != 0.0)
+            .map(|(i, j)| (i, j, f[(i, j)]))
+            .collect();
+        let mut last = (Vector3::zeros(), Rotation::identity());
+        for (state, moved) in states.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
+            moved.fill(0.0);
+            for &(i, j, value) in &elements {
+                moved[i] += value * state[j];
+            }
+            // Most sigma points share the attitude of their centre.
+            let attitude = Vector3::from_column_slice(&state[at..at + 3]);
+            if attitude != last.0 {
+                last = (attitude, Rotation::from_vector(&attitude));
+            }
+            let turn = Rotation::from_vector(&Vector3::from_column_slice(&moved[at..at + 3]));
+            moved[at..at + 3].copy_from_slice((last.1 * turn).vector().as_slice());
+        }
+        Ok(())
     }
     fn is_linear(&self) -> bool {
         false
