@@ -122,8 +122,8 @@ class CameraSensor(Sensor):
 
     The state is the pose of the body in the camera frame (x to the right, y down, z along the optical axis): position
     and rotation vector. The extended, unscented and cubature filters take a motion with 6 axes and the image points
-    themselves, however few are seen (`x y z rx ry rz vx vy vz wx wy wz ...`, rates in body axes); a run starts itself from
-    three images of at least four points each. `fix` gives the pose of one image.
+    themselves, however few are seen (`x y z rx ry rz vx vy vz wx wy wz ...`, rates in body axes); a run starts itself
+    from three images of at least four points each. `fix` gives the pose of one image.
 
     Args:
         points: the points in body coordinates (k, 3), metres.

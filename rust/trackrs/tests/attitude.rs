@@ -1,8 +1,10 @@
 //! Filters and smoothers of states with an attitude: consistency, free turns, invariance, and what is not observed.
 
+mod bodies;
 mod draws;
 
 use approx::assert_relative_eq;
+use bodies::{Recording, body, camera, draw, filters, measured, nees, pose, record, start_of_body};
 use draws::normal;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
@@ -10,111 +12,14 @@ use rand_pcg::Pcg64;
 use trackrs::Gaussian;
 use trackrs::filter::lead::Lead;
 use trackrs::filter::sequence::{Filter, History, InitialState};
-use trackrs::filter::sigma_points::SigmaPoints;
 use trackrs::filter::smoother::fixed_interval;
-use trackrs::filter::square_root::Form;
 use trackrs::metric::consistency::average_band;
-use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk, Singer};
-use trackrs::model::sensor::{AttitudeForm, CameraSensor, Intrinsics, PoseSensor};
-use trackrs::model::{Motion, MotionModel, Rotation, Sensor, SensorModel, StateSpace};
-
-fn pose(position: Option<f64>, angle: f64, form: AttitudeForm) -> SensorModel {
-    SensorModel::Pose(PoseSensor::new(position.map(|s| [s; 3]), [angle; 3], form).unwrap())
-}
-
-fn camera(pixel_std: f64) -> SensorModel {
-    let points = [
-        0.1, 0.0, 0.0, -0.1, 0.1, 0.02, 0.0, -0.1, 0.05, -0.1, -0.05, -0.04, 0.05, 0.08, 0.03,
-    ];
-    let intrinsics = Intrinsics::new([1000.0; 2], [640.0, 480.0]).unwrap();
-    SensorModel::Camera(CameraSensor::new(DMatrix::from_row_slice(5, 3, &points), intrinsics, pixel_std).unwrap())
-}
-
-/// A body whose position and attitude accelerate for a while at a time; 18 states.
-fn body() -> MotionModel {
-    let std = |a: f64, b: f64| vec![a, a, a, b, b, b];
-    MotionModel::Singer(Singer::new(std(0.5, 20.0), std(0.3, 0.3), std(1e-3, 0.1)).unwrap())
-}
+use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
+use trackrs::model::sensor::AttitudeForm;
+use trackrs::model::{Motion, MotionModel, Rotation};
 
 fn turning(psd: f64) -> MotionModel {
     MotionModel::ConstantVelocity(ConstantVelocity::new(KinematicNoise::Psd(vec![psd; 3])).unwrap())
-}
-
-/// Every kind of filter that takes an attitude, with its name.
-fn filters(motion: &MotionModel, sensor: &SensorModel) -> Vec<(String, Filter)> {
-    let (motion, sensor) = (|| motion.clone(), || sensor.clone());
-    let points = |points| Filter::sigma_points(motion(), sensor(), points).unwrap();
-    let plain = [
-        ("extended", Filter::extended(motion(), sensor()).unwrap()),
-        ("unscented", points(SigmaPoints::unscented(1.0))),
-        ("cubature", points(SigmaPoints::cubature())),
-    ];
-    let forms = [(Form::Joseph, ""), (Form::SquareRoot, ", square root")];
-    let each = |(name, filter): (&str, Filter)| {
-        forms.map(|(form, suffix)| (format!("{name}{suffix}"), filter.clone().with_form(form).unwrap()))
-    };
-    plain.into_iter().flat_map(each).collect()
-}
-
-fn draw(cov: &DMatrix<f64>, rng: &mut Pcg64) -> DVector<f64> {
-    let root = nalgebra::Cholesky::new(cov.clone()).unwrap().l();
-    root * DVector::from_fn(cov.nrows(), |_, _| normal(rng))
-}
-
-/// A measurement of `state` with noise.
-fn measured(sensor: &SensorModel, state: &DVector<f64>, rng: &mut Pcg64) -> DVector<f64> {
-    let expected = sensor.observe(state, None).unwrap();
-    let space = StateSpace {
-        dim: expected.len(),
-        attitude: sensor.rotation(),
-    };
-    space.retract(&expected, &draw(&sensor.noise(), rng))
-}
-
-struct Recording {
-    times: Vec<f64>,
-    truth: Vec<DVector<f64>>,
-    values: Vec<DVector<f64>>,
-    initial: InitialState,
-}
-
-/// A motion simulated from a random state of this distribution, and what the sensor reports of it every `dt` seconds.
-fn record(filter: &Filter, start: &Gaussian, dt: f64, count: usize, rng: &mut Pcg64) -> Recording {
-    let (motion, space) = (filter.motion(), filter.motion().space());
-    let mut state = space.retract(&start.mean, &draw(&start.cov, rng));
-    let mut out = Recording {
-        times: (1..=count).map(|k| k as f64 * dt).collect(),
-        truth: Vec::new(),
-        values: Vec::new(),
-        initial: InitialState {
-            time: 0.0,
-            state: start.clone(),
-        },
-    };
-    for _ in 0..count {
-        let noise = draw(&motion.noise_at(&state, dt), rng);
-        state = space.retract(&motion.propagate(&state, dt), &noise);
-        out.values.push(measured(filter.sensor(), &state, rng));
-        out.truth.push(state.clone());
-    }
-    out
-}
-
-fn nees(space: StateSpace, truth: &DVector<f64>, estimate: &Gaussian) -> f64 {
-    let error = space.difference(truth, &estimate.mean);
-    let factor = nalgebra::Cholesky::new(estimate.cov.clone()).unwrap();
-    error.dot(&factor.solve(&error))
-}
-
-fn start_of_body() -> Gaussian {
-    let mut mean = DVector::zeros(18);
-    mean[2] = 1.5;
-    mean[4] = 1.0;
-    let std = |i: usize| [0.1, 0.1, 0.1, 0.5, 0.5, 2.0][i / 3];
-    Gaussian {
-        mean,
-        cov: DMatrix::from_fn(18, 18, |i, j| if i == j { std(i) * std(i) } else { 0.0 }),
-    }
 }
 
 /// Errors by `difference` have the covariance that the filter states: of a body that turns through the half turn, from poses
@@ -367,32 +272,6 @@ fn what_is_not_observed_is_left_out() {
     }
 }
 
-/// From image points alone, without being told where the body is; some points hidden on the way.
-#[test]
-fn a_camera_filter_starts_itself_and_follows() {
-    let sensor = camera(0.5);
-    for (name, filter) in filters(&body(), &sensor) {
-        let space = filter.motion().space();
-        let mut start = start_of_body();
-        start.cov *= 0.04;
-        let mut data = record(&filter, &start, 0.05, 120, &mut Pcg64::seed_from_u64(12));
-        for k in (10..120).filter(|k| k % 4 > 0) {
-            data.values[k].rows_mut(2 * (k % 3), 4).fill(f64::NAN);
-        }
-        let run = filter
-            .run(&data.times, &data.values, None, None, History::Full)
-            .unwrap();
-        assert_eq!(run.start, 2);
-        let worst = (10..120)
-            .map(|k| nees(space, &data.truth[k], &run.filtered.at(k)))
-            .fold(0.0, f64::max);
-        // Chi-square of 18 degrees of freedom is above 65 once in 3 million.
-        assert!(worst < 65.0, "{name}: {worst}");
-        let back = fixed_interval(&run.epochs().unwrap()).unwrap();
-        assert_eq!(back.states.len(), 118);
-    }
-}
-
 #[test]
 fn predictions_ahead_are_those_of_the_motion() {
     let lead = 0.12;
@@ -411,70 +290,6 @@ fn predictions_ahead_are_those_of_the_motion() {
             assert_relative_eq!(found.cov, expected.cov, epsilon = tolerance);
             let turned = filter.motion().propagate(&run.filtered.at(k).mean, lead);
             assert!(space.difference(&found.mean, &turned).amax() < 0.02, "{name}");
-        }
-    }
-}
-
-/// The state that three poses give has the covariance that it states, for every kinematic motion and unequal steps.
-#[test]
-fn starts_from_three_poses_are_consistent() {
-    let psd = |p: f64| KinematicNoise::Psd(vec![p; 6]);
-    let motions = [
-        (MotionModel::RandomWalk(RandomWalk::new(psd(0.02)).unwrap()), 1),
-        (
-            MotionModel::ConstantVelocity(ConstantVelocity::new(psd(0.05)).unwrap()),
-            2,
-        ),
-        (
-            MotionModel::ConstantAcceleration(ConstantAcceleration::new(psd(0.5)).unwrap()),
-            3,
-        ),
-        (body(), 3),
-    ];
-    let (runs, times) = (400, [0.0, 0.04, 0.1]);
-    for (motion, order) in motions {
-        let n = 6 * order;
-        let band = average_band(n, runs, 0.99).unwrap();
-        let sensors = [
-            pose(Some(2e-3), 5e-3, AttitudeForm::Quaternion),
-            pose(Some(2e-3), 5e-3, AttitudeForm::Euler),
-            camera(0.5),
-        ];
-        for (which, sensor) in sensors.into_iter().enumerate() {
-            let filter = Filter::extended(motion.clone(), sensor).unwrap();
-            let space = filter.motion().space();
-            let (mut rng, mut sum, mut started) = (Pcg64::seed_from_u64(31), 0.0, 0);
-            while started < runs {
-                let mut state = DVector::from_fn(n, |i, _| [0.2, 1.0, 3.0][i / 6] * normal(&mut rng));
-                state[2] += 1.5;
-                if which < 2 {
-                    state[5] += 3.1;
-                }
-                let mut values = Vec::new();
-                for k in 0..3 {
-                    if k > 0 {
-                        let dt = times[k] - times[k - 1];
-                        let noise = draw(&filter.motion().noise_at(&state, dt), &mut rng);
-                        state = space.retract(&filter.motion().propagate(&state, dt), &noise);
-                    }
-                    values.push(measured(filter.sensor(), &state, &mut rng));
-                }
-                // One camera fix in a hundred fails its test.
-                if let Ok(run) = filter.run(&times, &values, None, None, History::Full) {
-                    assert_eq!(run.start, 2);
-                    sum += nees(space, &state, &run.filtered.at(2));
-                    started += 1;
-                }
-            }
-            let mean = sum / runs as f64;
-            println!(
-                "start of {n} states, sensor {which}: NEES {mean:.2}, band {:.2} to {:.2}",
-                band.lower, band.upper
-            );
-            assert!(
-                (band.lower..band.upper).contains(&mean),
-                "{n} states, sensor {which}: {mean}"
-            );
         }
     }
 }

@@ -6,6 +6,7 @@ mod complete;
 mod correction;
 pub mod extended;
 mod fit;
+mod found;
 pub mod fusion;
 pub mod kalman;
 pub mod lead;

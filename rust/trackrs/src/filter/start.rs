@@ -14,7 +14,7 @@
 //! E[v_i w_i (v_j w_j)ᵀ] = v_i W_j v_jᵀ for i ≤ j joins the covariance of the fixes. Without one it is U12 as it stands. Of a
 //! motion whose accelerations fade v_i are the first rows of F(t_i − t_r).
 //!
-//! Fixes with angles or an attitude ([`local_fixes`]) are counted from the last one, where these are small and add.
+//! Fixes with angles or an attitude (`local_fixes`) are counted from the last one, where these are small and add.
 //!
 //! Reference: paper of Xi, Liu, Tao, Lu, initial values; spec label U12.
 //! Deviation: the paper takes the velocity of the first interval and a block-diagonal covariance.

@@ -45,6 +45,16 @@ impl RigidBody {
         Ok(Self { base, attitude })
     }
 
+    /// `base`, or the rigid body around it where a sensor needs an attitude that it does not have and could.
+    pub(crate) fn if_needed(base: MotionModel, attitude: Option<usize>) -> Result<MotionModel> {
+        match attitude {
+            Some(at) if base.space().attitude.is_none() && at + 3 <= base.position_dims() => {
+                Ok(MotionModel::RigidBody(Box::new(Self::around(base, at)?)))
+            }
+            _ => Ok(base),
+        }
+    }
+
     /// The kinematic motion.
     pub fn base(&self) -> &MotionModel {
         &self.base
