@@ -46,10 +46,6 @@ fn filters_are_consistent() {
                 }
             }
             let mean = sum / runs as f64;
-            println!(
-                "NEES of 18 states, {what}, {name}: {mean:.2}, band {:.2} to {:.2}",
-                band.lower, band.upper
-            );
             assert!(turned > 3.1, "{turned}");
             assert!((band.lower..band.upper).contains(&mean), "{what}, {name}: {mean}");
         }
@@ -80,7 +76,6 @@ fn large_corrections_turn_the_covariance() {
         without += nees(space, &truth, &Gaussian { mean, cov });
     }
     let (with, without) = (sum / runs as f64, without / runs as f64);
-    println!("NEES of one large correction: {with:.2} with the change of chart, {without:.2} without");
     assert!((band.lower..band.upper).contains(&with), "{with} not in {band:?}");
     assert!(without > 1.2 * band.upper, "{without}");
 }
@@ -145,7 +140,6 @@ fn small_angles_are_those_of_the_euler_filter() {
         worst
     };
     let (small, smaller) = (apart(1e-2), apart(1e-3));
-    println!("from the angles of the Euler filter: {small:e} rad for 0.01 rad, {smaller:e} rad for 0.001 rad");
     assert!(small < 1e-4 && smaller < 1e-6, "{small}, {smaller}");
 }
 
@@ -238,12 +232,6 @@ fn smoothing_is_better_and_as_honest() {
             sum += both.dot(&nalgebra::Cholesky::new(cov).unwrap().solve(&both));
         }
         let mean = sum / runs as f64;
-        println!(
-            "smoothed pairs, {name}: NEES {mean:.2}, band {:.2} to {:.2}; squares {:.2}",
-            band.lower,
-            band.upper,
-            smoothed / filtered
-        );
         assert!(smoothed < 0.8 * filtered, "{name}: {smoothed} {filtered}");
         assert!((band.lower..band.upper).contains(&mean), "{name}: {mean}");
     }

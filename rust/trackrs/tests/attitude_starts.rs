@@ -36,6 +36,13 @@ fn a_camera_filter_starts_itself_and_follows() {
             .fold(0.0, f64::max);
         // Chi-square of 18 degrees of freedom is above 65 once in 3 million.
         assert!(worst < 65.0, "{name}: {worst}");
+        let told = filter
+            .run(&data.times, &data.values, Some(&data.initial), None, History::Last)
+            .unwrap();
+        let (found, told) = (run.filtered.at(119), told.filtered.at(0));
+        let size = found.cov.diagonal().map(f64::sqrt);
+        let apart = space.difference(&found.mean, &told.mean).component_div(&size);
+        assert!(apart.amax() < 0.1, "{name}: {}", apart.amax());
         let back = fixed_interval(&run.epochs().unwrap()).unwrap();
         assert_eq!(back.states.len(), 118);
     }
@@ -93,10 +100,6 @@ fn starts_from_three_poses_are_consistent() {
                 }
             }
             let mean = sum / runs as f64;
-            println!(
-                "start of {n} states, sensor {which}: NEES {mean:.2}, band {:.2} to {:.2}",
-                band.lower, band.upper
-            );
             assert!(
                 (band.lower..band.upper).contains(&mean),
                 "{n} states, sensor {which}: {mean}"

@@ -92,10 +92,6 @@ fn known_turns_move_mean_and_covariance() {
             sum += error.dot(&nalgebra::Cholesky::new(last.cov).unwrap().solve(&error));
         }
         let mean = sum / runs as f64;
-        println!(
-            "NEES with known turns, {name}: {mean:.2}, band {:.2} to {:.2}",
-            band.lower, band.upper
-        );
         assert!((band.lower..band.upper).contains(&mean), "{name}: {mean}");
     }
     let filter = Filter::extended(turning(0.2), quaternion(0.02)).unwrap();

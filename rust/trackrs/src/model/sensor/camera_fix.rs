@@ -101,18 +101,10 @@ impl CameraSensor {
         Ok((0..measurement.len()).filter(|&i| !measurement[i].is_nan()).collect())
     }
 
-    /// Points of which both coordinates are seen.
-    pub(super) fn whole(&self, measurement: &[f64]) -> Vec<usize> {
-        let seen = measurement.chunks_exact(2).enumerate();
-        seen.filter(|(_, image)| image.iter().all(|v| v.is_finite()))
-            .map(|(i, _)| i)
-            .collect()
-    }
-
     /// Closed-form poses from the points of which both coordinates are seen.
     fn starts(&self, measurement: &DVector<f64>) -> Result<Vec<Pose>> {
         let image = |i: usize| Vector2::new(measurement[2 * i], measurement[2 * i + 1]);
-        let whole = self.whole(measurement.as_slice());
+        let whole = whole(measurement.as_slice());
         if whole.len() < POINTS {
             let seen = if whole.is_empty() {
                 String::new()
@@ -181,6 +173,14 @@ impl CameraSensor {
             "the pose fix did not converge in {MAX_ITERATIONS} iterations"
         )))
     }
+}
+
+/// Points of which both coordinates are seen.
+pub(super) fn whole(measurement: &[f64]) -> Vec<usize> {
+    let seen = measurement.chunks_exact(2).enumerate();
+    seen.filter(|(_, image)| image.iter().all(|v| v.is_finite()))
+        .map(|(i, _)| i)
+        .collect()
 }
 
 fn solution(pose: Pose, normal: &Normal) -> Result<Solution> {

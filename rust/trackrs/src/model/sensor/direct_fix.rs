@@ -3,6 +3,7 @@
 use nalgebra::DVector;
 
 use super::camera::unobservable;
+use super::camera_fix::{POINTS, whole};
 use super::{CameraSensor, Fix, PoseSensor, PositionFix, PositionSensor, Sensor};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
@@ -54,6 +55,6 @@ impl PositionFix for CameraSensor {
         self.measurement_dim().saturating_sub(6)
     }
     fn sufficient(&self, measurement: &[f64]) -> bool {
-        self.whole(measurement).len() >= super::camera_fix::POINTS
+        whole(measurement).len() >= POINTS
     }
 }
