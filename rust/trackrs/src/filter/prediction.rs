@@ -7,7 +7,8 @@
 //! | u      | `input`      | n      | known input                                 |
 //!
 //! x⁻ = f(x) + u,  P⁻ = F P Fᵀ + Q, the lower half computed and mirrored. F and Q of a linear motion are made anew only
-//! when dt changes, and their zeros are passed over.
+//! when dt changes, and their zeros are passed over; where F has ones on its diagonal and nothing below, as kinematic motions
+//! have it, P⁻ is made in place.
 //! With sigma points x⁻ is the mean of f, F the line that fits best and Q larger by the bends ([`super::sigma_points`]); for
 //! a linear motion these are f, F and Q themselves, and no points are drawn unless a measurement is to use them.
 //! In square-root form the factor of P⁻ comes from those of P and Q ([`super::square_root`]) and P⁻ from it.
@@ -23,7 +24,7 @@ use super::square_root::{Form, lower_root, square, triangularise};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel::{self, known, sized};
-use crate::linalg::sparse::Sparse;
+use crate::linalg::sparse::{Sparse, UnitUpper};
 use crate::model::{Motion, StateSpace};
 
 /// What a state is predicted by.
@@ -50,8 +51,9 @@ pub struct Prediction {
     /// Q, and Q with the bends where there are any.
     noise: Vec<f64>,
     bent: Option<Vec<f64>>,
-    /// F again.
+    /// F again, and once more where it is of that kind.
     sparse: Sparse,
+    upper: Option<UnitUpper>,
     /// A row of F P, and (F P)ᵀ.
     product: Vec<f64>,
     transposed: Vec<f64>,
@@ -90,6 +92,7 @@ impl Prediction {
             noise: square(),
             bent: None,
             sparse: Sparse::default(),
+            upper: None,
             product: square(),
             transposed: square(),
             transition_dt: f64::NAN,
@@ -188,6 +191,7 @@ impl Prediction {
             if dt != self.transition_dt {
                 copy_rows(&course.motion.jacobian(&prior.mean, dt), &mut self.transition);
                 self.sparse.set(n, &self.transition);
+                self.upper = UnitUpper::of(n, &self.transition);
                 self.transition_dt = dt;
             }
             for (i, x) in mean.iter_mut().enumerate() {
@@ -198,6 +202,7 @@ impl Prediction {
                 .motion
                 .linearise_into(&prior.mean, dt, mean, &mut self.transition)?;
             self.sparse.set(n, &self.transition);
+            self.upper = None;
             self.transition_dt = f64::NAN;
         }
         let cov = self.state.cov.as_mut_slice();
@@ -210,15 +215,13 @@ impl Prediction {
             root.finish(n, &mut self.product, cov);
             return Ok(());
         }
-        let work = [&mut self.product[..n], &mut self.transposed[..]];
-        sized!(predict_cov(
-            n,
-            &self.sparse,
-            &self.noise,
-            prior.cov.as_slice(),
-            work,
-            cov
-        ));
+        let prior = prior.cov.as_slice();
+        if let Some(upper) = &self.upper {
+            sized!(predict_in_place(n, upper, &self.noise, prior, cov));
+        } else {
+            let work = [&mut self.product[..n], &mut self.transposed[..]];
+            sized!(predict_cov(n, &self.sparse, &self.noise, prior, work, cov));
+        }
         Ok(())
     }
 
@@ -348,6 +351,10 @@ pub(super) fn draw(spread: &mut Spread, rule: &SigmaPoints, prior: &Gaussian, fa
     }
     spread.draw_from(rule, mean, &lower);
     Ok(())
+}
+
+fn predict_in_place<const N: usize>(n: usize, f: &UnitUpper, noise: &[f64], cov: &[f64], out: &mut [f64]) {
+    f.congruence::<N>(known::<N>(n), cov, noise, out);
 }
 
 /// P⁻ = F P Fᵀ + Q as F (F P)ᵀ + Q, the lower half computed and mirrored.

@@ -2,7 +2,7 @@
 //!
 //! Sums go row by row and from the first column to the last, as those of [`super::kernel`] do.
 
-use super::kernel::combine;
+use super::kernel::{accumulate, combine};
 
 /// The numbers of a matrix that are not zero, row by row, for one that is used again and again.
 #[derive(Debug, Clone, Default)]
@@ -11,17 +11,24 @@ pub(crate) struct Sparse {
     ends: Vec<usize>,
     /// Column and value; behind the last end they mean nothing.
     entries: Vec<(usize, f64)>,
+    /// Columns up to the last that had a number so far: those behind it are only looked over.
+    width: usize,
 }
 
 impl Sparse {
     /// Takes over a matrix of rows of length n.
     pub(crate) fn set(&mut self, n: usize, matrix: &[f64]) {
+        let rows = matrix.chunks_exact(n.max(1));
+        let any = |numbers: &[f64]| numbers.iter().fold(0, |bits, x| bits | x.to_bits() << 1) != 0;
+        while self.width < n && rows.clone().any(|row| any(&row[self.width..])) {
+            self.width += 1;
+        }
         self.ends.clear();
         // Every number is written, and the next one over it if it is zero: without a branch on values.
         self.entries.resize(matrix.len() + 1, (0, 0.0));
         let mut count = 0;
-        for row in matrix.chunks_exact(n.max(1)) {
-            for (k, &value) in row.iter().enumerate() {
+        for row in rows {
+            for (k, &value) in row[..self.width.min(n)].iter().enumerate() {
                 self.entries[count] = (k, value);
                 count += usize::from(value != 0.0);
             }
@@ -81,6 +88,54 @@ impl Sparse {
     }
 }
 
+/// A matrix with ones on its diagonal and zeros below it, as the transitions of kinematic motions are: by its numbers above.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct UnitUpper {
+    /// Row, column and value.
+    above: Vec<(usize, usize, f64)>,
+}
+
+impl UnitUpper {
+    /// Takes over an n×n matrix, if it is such a one.
+    pub(crate) fn of(n: usize, matrix: &[f64]) -> Option<Self> {
+        let mut above = Vec::new();
+        for (i, row) in matrix.chunks_exact(n.max(1)).enumerate() {
+            for (k, &value) in row.iter().enumerate() {
+                if k > i && value != 0.0 {
+                    above.push((i, k, value));
+                } else if k <= i && value != f64::from(u8::from(k == i)) {
+                    return None;
+                }
+            }
+        }
+        Some(Self { above })
+    }
+
+    /// `out` = A B Aᵀ + C of n×n matrices, B and C symmetric: the rows of A B first, from the top down, then the columns,
+    /// from the left to the right, all where they stand.
+    #[inline(always)]
+    pub(crate) fn congruence<const N: usize>(&self, n: usize, b: &[f64], c: &[f64], out: &mut [f64]) {
+        let (c, out) = (&c[..n * n], &mut out[..n * n]);
+        out.copy_from_slice(&b[..n * n]);
+        for &(i, k, factor) in &self.above {
+            let (before, from) = out.split_at_mut(k * n);
+            accumulate::<N>(&mut before[i * n..][..n], std::iter::once((factor, &from[..n])));
+        }
+        for &(j, k, factor) in &self.above {
+            assert!(j < n && k < n, "a place in the matrix");
+            for row in out.chunks_exact_mut(n) {
+                row[j] += factor * row[k];
+            }
+        }
+        for i in 0..n {
+            for j in 0..=i {
+                let sum = out[i * n + j] + c[i * n + j];
+                (out[i * n + j], out[j * n + i]) = (sum, sum);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -110,5 +165,38 @@ mod tests {
             sparse.row_dot(2, &[1.0, 2.0, 3.0, 4.0]),
             a[8] + 2.0 * a[9] + 3.0 * a[10] + 4.0 * a[11]
         );
+    }
+    #[test]
+    fn a_congruence_in_place_is_that_of_two_products() {
+        let n = 6;
+        let mut a = [0.0; 36];
+        for i in 0..n {
+            a[i * n + i] = 1.0;
+            (i + 2..n)
+                .step_by(2)
+                .for_each(|k| a[i * n + k] = 0.3 * k as f64 - 0.8 * i as f64);
+        }
+        let symmetric = |scale: f64| -> Vec<f64> {
+            (0..36)
+                .map(|x| scale * (((x / n) * (x % n)) as f64 + 1.3 * ((x / n) + (x % n)) as f64))
+                .collect()
+        };
+        let (b, c) = (symmetric(1.0), symmetric(-2.5));
+        let (mut product, mut turned, mut expected) = (vec![0.0; 36], vec![0.0; 36], vec![0.0; 36]);
+        multiply::<0>(n, n, &a, &b, &mut product);
+        transpose(n, &product, &mut turned);
+        multiply::<0>(n, n, &a, &turned, &mut expected);
+        let upper = UnitUpper::of(n, &a).unwrap();
+        let (mut constant, mut any) = (vec![0.0; 36], vec![0.0; 36]);
+        upper.congruence::<6>(n, &b, &c, &mut constant);
+        upper.congruence::<0>(n, &b, &c, &mut any);
+        assert_eq!(constant, any);
+        for (i, found) in any.iter().enumerate() {
+            assert!((found - expected[i] - c[i]).abs() < 1e-12 * (1.0 + expected[i].abs()));
+        }
+        a[7] = 0.9;
+        assert!(UnitUpper::of(n, &a).is_none());
+        (a[7], a[6]) = (1.0, 0.1);
+        assert!(UnitUpper::of(n, &a).is_none());
     }
 }

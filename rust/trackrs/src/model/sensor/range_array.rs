@@ -296,7 +296,9 @@ impl Sensor for RangeArray {
     fn impossible(&self, measurement: &[f64]) -> Option<usize> {
         let below = |&i: &usize| {
             let bias = self.bias.as_ref().map_or(0.0, |bias| bias.std[i]);
-            measurement[i] * self.metres_per_unit(i, None) < -ABSURD * libm::hypot(self.range_std(i), bias)
+            // Nearly all are positive: those need no more than this.
+            measurement[i] < 0.0
+                && measurement[i] * self.metres_per_unit(i, None) < -ABSURD * libm::hypot(self.range_std(i), bias)
         };
         (0..self.channels().min(measurement.len())).find(below)
     }
