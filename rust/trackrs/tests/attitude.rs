@@ -16,7 +16,7 @@ use trackrs::filter::smoother::fixed_interval;
 use trackrs::metric::consistency::average_band;
 use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 use trackrs::model::sensor::AttitudeForm;
-use trackrs::model::{Motion, MotionModel, Rotation};
+use trackrs::model::{Motion, MotionModel, Rotation, Sensor};
 
 fn turning(psd: f64) -> MotionModel {
     MotionModel::ConstantVelocity(ConstantVelocity::new(KinematicNoise::Psd(vec![psd; 3])).unwrap())
@@ -90,7 +90,7 @@ fn run_of(filter: &Filter, data: &Recording) -> trackrs::filter::run::FilterRun 
 /// that ten times smaller angles agree a hundred times better.
 #[test]
 fn small_angles_are_those_of_the_euler_filter() {
-    let psd = vec![1e-6, 1e-6, 1e-6, 1e-2, 1e-2, 1e-2];
+    let psd = [1e-6, 1e-6, 1e-6, 1e-2, 1e-2, 1e-2];
     let apart = |size: f64| {
         let scale: Vec<f64> = psd.iter().map(|p| p * size * size).collect();
         let motion = || {
@@ -162,8 +162,8 @@ fn turns_through_the_poles_leave_no_trace() {
         let pitch = |k: usize| attitude(times[k]).angles()[1];
         assert!((0..2500).any(|k| pitch(k) > 1.56) && (0..2500).any(|k| pitch(k) < -1.56));
         let mut worst = (0.0_f64, 0.0_f64);
-        for k in 50..2500 {
-            let error = space.difference(&run.filtered.at(k).mean, &state(times[k]));
+        for (k, &time) in times.iter().enumerate().skip(50) {
+            let error = space.difference(&run.filtered.at(k).mean, &state(time));
             worst = (worst.0.max(error.rows(0, 3).amax()), worst.1.max(run.nis[k]));
         }
         // 7350 errors of 0.5e-3 rad; chi-square of 3 degrees of freedom is above 30 once in 700 000.
