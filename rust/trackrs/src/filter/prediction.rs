@@ -16,6 +16,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::chart::Chart;
 use super::extended::Rule;
 use super::kalman::copy_rows;
 use super::sigma_points::{SigmaPoints, Spread};
@@ -24,7 +25,7 @@ use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel::{self, known, sized};
 use crate::linalg::sparse::{Sparse, UnitUpper};
-use crate::model::Motion;
+use crate::model::{Motion, StateSpace};
 
 /// What a state is predicted by.
 #[derive(Clone, Copy)]
@@ -44,6 +45,7 @@ pub struct Course<'a> {
 pub struct Prediction {
     /// The estimate before the measurement.
     pub state: Gaussian,
+    space: StateSpace,
     rule: Rule,
     transition: Vec<f64>,
     /// Q, and Q with the bends where there are any.
@@ -76,14 +78,16 @@ struct Root {
 }
 
 impl Prediction {
-    /// Memory for a state of length n.
-    pub fn new(n: usize, rule: Rule, form: Form) -> Self {
+    /// Memory for states of this space.
+    pub fn new(space: StateSpace, rule: Rule, form: Form) -> Self {
+        let n = space.dim;
         let square = || vec![0.0; n * n];
         Self {
             state: Gaussian {
                 mean: DVector::zeros(n),
                 cov: DMatrix::zeros(n, n),
             },
+            space,
             rule,
             transition: square(),
             noise: square(),
@@ -130,6 +134,9 @@ impl Prediction {
         if let Some(noise) = course.noise {
             self.noise.copy_from_slice(noise);
             self.noise_dt = f64::NAN;
+        } else if self.space.attitude.is_some() {
+            copy_rows(&course.motion.noise_at(&prior.mean, course.dt), &mut self.noise);
+            self.noise_dt = f64::NAN;
         } else if course.dt != self.noise_dt {
             copy_rows(&course.motion.noise(course.dt), &mut self.noise);
             self.noise_dt = course.dt;
@@ -145,15 +152,38 @@ impl Prediction {
         }
         if let Some(input) = course.input {
             kernel::add_scaled(self.state.mean.as_mut_slice(), 1.0, input);
+            let chart = Chart::of_input(self.space, input, self.state.mean.as_mut_slice());
             if let (Rule::SigmaPoints(points), Some(spread)) = (self.rule, &mut self.spread)
                 && !points.redraws()
             {
                 for image in spread.images.chunks_exact_mut(input.len().max(1)) {
                     kernel::add_scaled(image, 1.0, input);
+                    let _ = Chart::of_input(self.space, input, image);
                 }
+            }
+            if let Some(chart) = chart {
+                self.turn(&chart);
             }
         }
         Ok(())
+    }
+
+    /// Counts the error of the prediction from another point.
+    fn turn(&mut self, chart: &Chart) {
+        let n = self.space.dim;
+        chart.rows(n, &mut self.transition);
+        chart.both(n, &mut self.noise);
+        chart.both(n, self.state.cov.as_mut_slice());
+        if let Some(bent) = &mut self.bent {
+            chart.both(n, bent);
+        }
+        if let Some(root) = &mut self.root {
+            chart.columns(n, &mut root.factor);
+        }
+        if let Some(spread) = &mut self.spread {
+            chart.columns(n, &mut spread.slopes);
+            chart.columns(n, &mut spread.bends);
+        }
     }
 
     fn linearise(&mut self, prior: &Gaussian, factor: Option<&[f64]>, course: &Course<'_>) -> Result<()> {
@@ -208,7 +238,7 @@ impl Prediction {
         course: &Course<'_>,
     ) -> Result<()> {
         let n = prior.dim();
-        let spread = self.spread.get_or_insert_with(|| Spread::new(n, n));
+        let spread = self.spread.get_or_insert_with(|| Spread::new(self.space, self.space));
         draw(spread, points, prior, factor)?;
         course
             .motion
