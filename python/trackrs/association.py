@@ -153,8 +153,8 @@ def marginals(weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000
         >>> import trackrs as tr
         >>> found = tr.association.marginals([[0.1, 4.0, 1.0], [0.1, 2.0, 0.0]])
         >>> found.probabilities.round(3)
-        array([[0.084, 0.159, 0.757],
-               [0.205, 0.795, 0.   ]])
+        array([[0.077, 0.148, 0.775],
+               [0.188, 0.812, 0.   ]])
         >>> found.method, found.error_bound
         ('exact', 0.0)
     """
