@@ -6,7 +6,7 @@ The turntable and its table are those of Sun and Zhang (2015): 10 degrees a seco
 the middle of every interval; as printed and by default. The moving head shows what their noise rule does to a motion
 that is not steady. The recorded head (`examples/data/hmd360`) is fed every second sample and predicted to the one left
 out. The camera sees five points of a body: filtered by the pose of each image, or by the image points themselves, of
-which three are hidden for a while. Prints the errors and leaves pictures (PNG) in `out/helmet`.
+which two are hidden for a while. Prints the errors and leaves pictures (PNG) in `out/helmet`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import trackrs as tr
 from trackrs import rotation
-from trackrs.plot import new_figure, tidy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,6 +36,14 @@ SEED = 1
 STD, PERIOD, FRAMES, SETTLED = 0.0724, 0.05, 181, 20
 # One run of the paper's Table 1, degrees: standard deviations.
 PAPER = {"measurement": 0.0724, "prediction": 0.0736, "estimate": 0.0732}
+
+
+def tidy(ax: Axes) -> None:
+    """Draw a light grid and no box."""
+    ax.grid(color="#E3E3E3", linewidth=0.5)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(labelsize=8)
 
 
 def turntable(t: Array) -> Array:
@@ -85,9 +93,7 @@ def follow(ukf: tr.UnscentedKalmanFilter, angle: Callable[[Array], Array], count
     start = tr.GaussianState([measured[0], 0.0, 0.0], np.diag([STD**2, 1e3, 1e4]), times[0])
     run = ukf.run(times[1:], measured[1:, None], initial=start, lead="midpoint")
     ahead = run.lead_times
-    return Angles(
-        times[1:], angle(times[1:]), measured[1:], run.means[:, 0], ahead, angle(ahead), run.lead_means[:, 0]
-    )
+    return Angles(times[1:], angle(times[1:]), measured[1:], run.means[:, 0], ahead, angle(ahead), run.lead_means[:, 0])
 
 
 def table_line(name: str, values: dict[str, float]) -> str:
@@ -111,7 +117,7 @@ def study_turntable(runs: int, out: Path) -> None:
     print(f"turntable, {runs} runs: standard deviations, degrees")
     print(f"{'':24}" + "".join(f"{key:>13}" for key in PAPER) + "   ratio")
     print(table_line("paper, Table 1 (one run)", PAPER))
-    figure = new_figure(figsize=(9, 6), layout="constrained")
+    figure = Figure(dpi=150, figsize=(9, 6), layout="constrained")
     axes = figure.subplots(2, 2, sharey=True)
     for row, (name, ukf) in zip(axes, axis_filters(1.0).items(), strict=True):
         parts = [follow(ukf, turntable, FRAMES, SEED + run) for run in range(runs)]
@@ -131,7 +137,7 @@ def study_moving_head(out: Path) -> None:
     """A motion that is not steady: angle above, error below."""
     choice = tr.choose_jerk_psd(amplitude=5.0, frequency=1.3, period=PERIOD, std=STD)
     print("\nmoving head, one minute: rms, degrees")
-    figure = new_figure(figsize=(9, 6), layout="constrained")
+    figure = Figure(dpi=150, figsize=(9, 6), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
     for column, (name, ukf) in enumerate(axis_filters(choice.psd).items()):
         angles = follow(ukf, moving_head, 1200, SEED)
@@ -153,8 +159,8 @@ def study_moving_head(out: Path) -> None:
 
 # A head changes its turning within hundredths of a second and jerks now and then; the headset's noise is below a
 # milliradian. A jump of more than this, radians, is the recording's, not the head's.
-HEADSET = tr.Singer(dims=3, accel_std=5.0, time_constant=0.02, accel_psd=0.3)
-HEADSET_STD, JUMP = 5.5e-4, 0.2
+HEADSET = tr.Singer(dims=3, accel_std=3.5, time_constant=0.025, accel_psd=0.2)
+HEADSET_STD, JUMP = 6e-4, 0.2
 
 
 def headset_filter() -> tr.ExtendedKalmanFilter:
@@ -182,7 +188,7 @@ def study_recorded_head(out: Path) -> None:
     for name, error in errors.items():
         print(f"{name:12} median {np.median(error):.4f}, 95 % below {np.percentile(error, 95):.4f} degrees")
     heading = np.degrees(np.unwrap(rotation.angles_from_vectors(vectors)[:, 2]))
-    figure = new_figure(figsize=(9, 5), layout="constrained")
+    figure = Figure(dpi=150, figsize=(9, 5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     above.plot(times, heading, lw=1)
     above.set_ylabel("heading, degrees", fontsize=8)
@@ -223,7 +229,7 @@ def study_camera(out: Path) -> None:
     truth = helmet_path(times)
     rng = np.random.default_rng(SEED)
     images = np.array([CAMERA.observe(pose) for pose in truth]) + CAMERA.pixel_std * rng.normal(size=(len(times), 10))
-    images[HIDDEN, 4:] = np.nan  # three of the five points are hidden: no image gives a pose by itself
+    images[HIDDEN, 6:] = np.nan  # two of the five points are hidden: no image gives a pose by itself
     poses = np.full((len(times), 7), np.nan)
     spreads = []
     for row, image in enumerate(images):
@@ -232,26 +238,25 @@ def study_camera(out: Path) -> None:
             poses[row] = [*fix.position, *fix.quaternion]
             spreads.append(np.sqrt(np.diag(fix.cov)))
     spread = np.median(spreads, axis=0)
-    motion = tr.ConstantAcceleration(dims=6, jerk_psd=[0.5] * 3 + [20.0] * 3)
+    motion = tr.ConstantAcceleration(dims=6, jerk_psd=[0.05] * 3 + [3.0] * 3)
     loose = tr.PoseSensor(position_std=spread[:3].tolist(), angle_std=spread[3:].tolist(), attitude="quaternion")
     runs = {
         "pose of each image": tr.UnscentedKalmanFilter(motion, loose).run(times, poses, lead="midpoint"),
         "image points": tr.UnscentedKalmanFilter(motion, CAMERA).run(times, images, lead="midpoint"),
     }
     print("\ncamera: rms errors of estimate and of prediction to the middle of the interval")
-    figure = new_figure(figsize=(9, 5), layout="constrained")
+    figure = Figure(dpi=150, figsize=(9, 5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for name, run in runs.items():
         distance, angle = pose_errors(run.means, truth)
         ahead, turn = pose_errors(run.lead_means, helmet_path(run.lead_times))
         all_seen = np.ones(len(times), dtype=bool)
         all_seen[: SETTLED + run.start] = False
-        all_seen[HIDDEN] = False
-        for label, rows in {"all seen": all_seen, "two points seen": np.isin(np.arange(len(times)), np.r_[HIDDEN])}.items():
+        all_seen[HIDDEN.start : HIDDEN.stop + SETTLED] = False
+        for label, rows in {"all seen": all_seen, "two hidden": np.isin(np.arange(len(times)), np.r_[HIDDEN])}.items():
             rms = [float(np.sqrt(np.mean(x[rows] ** 2))) for x in (distance, angle, ahead, turn)]
-            print(
-                f"{name:20}{label:18}{rms[0]:8.2f} mm {rms[1]:7.3f} degrees; predicted {rms[2]:8.2f} mm {rms[3]:7.3f} degrees"
-            )
+            estimate, ahead_of = (f"{rms[i]:8.2f} mm {rms[i + 1]:7.3f} degrees" for i in (0, 2))
+            print(f"{name:20}{label:12}{estimate}; predicted {ahead_of}")
         axes[0].plot(times, distance, lw=1, label=name)
         axes[1].plot(times, angle, lw=1)
     for ax, unit in zip(axes, ("mm", "degrees"), strict=True):
@@ -260,7 +265,7 @@ def study_camera(out: Path) -> None:
         ax.set_ylabel(f"error, {unit}", fontsize=8)
         tidy(ax)
     axes[0].legend(fontsize=8)
-    axes[0].set_title("a helmet seen by a camera; shaded: three of five points hidden", fontsize=9, loc="left")
+    axes[0].set_title("a helmet seen by a camera; shaded: two of the five points hidden", fontsize=9, loc="left")
     axes[1].set_xlabel("time, s", fontsize=8)
     figure.savefig(out / "camera.png")
 
