@@ -69,6 +69,30 @@ def _(d):
     return run, lambda _run: d["out"]
 
 
+def w3(motion: tr.Motion, sensor: tr.Sensor, d: dict, form: str = "joseph") -> tuple:
+    """Return the unscented filter of W3, ready to run."""
+    ukf = tr.UnscentedKalmanFilter(motion, sensor, kappa=0.0, form=form)
+    start, times = tr.GaussianState(d["x0"], d["P0"], 0.0), 0.1 * np.arange(1.0, d["T"] + 1.0)
+    return lambda: ukf.run(times, d["Z"], initial=start, history="filtered"), lambda run: run.means
+
+
+@peer("W3", "trackrs", "trackrs", note="linear models: the Kalman filter that it equals, no points drawn")
+def _(d):
+    return w3(tr.LinearMotion(d["F"], d["Q"]), tr.LinearSensor(d["H"], d["R"]), d)
+
+
+@peer("W3", "trackrs(square root)", "trackrs", note="the same in square-root form")
+def _(d):
+    return w3(tr.LinearMotion(d["F"], d["Q"]), tr.LinearSensor(d["H"], d["R"]), d, "square_root")
+
+
+@peer("W3", "trackrs(callback)", "trackrs", note="vectorised Python functions, points drawn for each of them")
+def _(d):
+    turned = d["F"].T.copy()
+    motion = tr.CustomMotion(lambda x, _dt: x @ turned, d["Q"], labels=[f"x{i}" for i in range(18)])
+    return w3(motion, tr.CustomSensor(lambda x: x[:, 0::3], d["R"]), d)
+
+
 @peer("W8ospa", "trackrs", "trackrs")
 def _(d):
     return lambda: tr.ospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.total
@@ -82,3 +106,8 @@ def _(d):
 @peer("W9", "trackrs", "trackrs")
 def _(d):
     return lambda: tr.assign(d["D"]), lambda r: (np.arange(len(r.columns)), r.columns)
+
+
+@peer("W6", "trackrs", "trackrs", note="exact")
+def _(d):
+    return lambda: tr.association.marginals(d["L"]), lambda r: r.probabilities

@@ -17,7 +17,12 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PLAIN = {"us", "ms", "us_per_step", "us_per_step_filter+smooth"}  # other limits are of other algorithms
-FILES = {"w01_kf.py": ["W1", "W3c"], "w03_nonlinear.py": ["W3b"], "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"]}
+FILES = {
+    "w01_kf.py": ["W1", "W3c"],
+    "w03_nonlinear.py": ["W3", "W3b"],
+    "w06_jpda.py": ["W6"],
+    "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"],
+}
 
 
 def measure(folder: Path) -> list[dict]:

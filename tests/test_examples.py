@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from trackrs.io import read_tracks
@@ -92,12 +93,13 @@ def test_underwater(tmp_path):
 
 
 def test_readme_python():
-    tracks, hydrophones = blocks("python")
+    tracks, hydrophones, head = blocks("python")
     shown = run([sys.executable, "-c", tracks], ROOT)
     assert [line.split()[0] for line in shown.splitlines()] == ["1", "2"]
     filtered, smoothed, rejected = run([sys.executable, "-c", hydrophones], ROOT).split()
     assert float(smoothed) < float(filtered) < 1.5
     assert int(rejected) > 10
+    assert len(re.findall(r"-?\d\.\d+", run([sys.executable, "-c", head], ROOT))) == 7
 
 
 def test_readme_commands(tmp_path):
@@ -128,3 +130,21 @@ def test_radio_ranges(tmp_path):
     assert [line.split("  ")[0] for line in lines[1:3]] == ["ranges only", "with odometry*"]
     assert lines[3].startswith("* The recorded headings equal those of the truth")
     assert (tmp_path / "out" / "radio_ranges.png").stat().st_size > 10_000
+
+
+def test_helmet(tmp_path):
+    out = run([sys.executable, ROOT / "examples" / "helmet.py", "--out", tmp_path / "out", "--runs", "5"], tmp_path)
+    lines = out.splitlines()
+    table = {line[:24].strip(): [float(x) for x in line[24:].split()] for line in lines[2:5]}
+    assert table["paper, Table 1 (one run)"] == [0.0724, 0.0736, 0.0732, 1.017]
+    assert table["as printed"][3] == pytest.approx(1.03, abs=0.02)
+    assert table["default"][1] < 0.0435
+    assert table["default"][2] < 0.0405
+    predicted, held = (float(line.split()[2].rstrip(",")) for line in lines if " median " in line)
+    assert predicted < 0.6 * held
+    rms = {line[:32].strip(): [float(x) for x in re.findall(r"\d+\.\d+", line)] for line in lines if " mm " in line}
+    loose, tight = (np.array(rms[f"{name:20}all seen"]) for name in ("pose of each image", "image points"))
+    assert (tight <= 1.02 * loose).all()
+    assert rms[f"{'image points':20}two hidden"][1] < 1.5
+    pictures = {"turntable.png", "moving_head.png", "recorded_head.png", "camera.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == pictures

@@ -179,6 +179,8 @@ def test_mistakes_are_named():
     kf = tr.KalmanFilter(tr.ConstantVelocity(dims=1, accel_psd=0.1), tr.PositionSensor(dims=1, std=1.0))
     start = tr.GaussianState([0.0, 0.0], np.eye(2))
     with pytest.raises(tr.ParameterError, match=r"pass initial=GaussianState"):
+        tr.KalmanFilter(kf.motion, tr.LinearSensor([[1.0, 0.0]], [[1.0]])).run([0.0], [[1.0]])
+    with pytest.raises(tr.UnobservableError, match="no 3 consecutive"):
         kf.run([0.0], [[1.0]])
     with pytest.raises(tr.TimeError, match="1 s is before 2 s"):
         kf.run([2.0, 1.0], [[1.0], [1.0]], initial=start)

@@ -265,8 +265,6 @@ def test_images_that_cannot_be():
         tr.CameraSensor(CROSS[:, :2], (1000, 1000, 640, 480), pixel_std=0.3)
     with pytest.raises(tr.ParameterError, match="pixel_std"):
         tr.CameraSensor(CROSS, (1000, 1000, 640, 480), pixel_std=0.0)
-    with pytest.raises(tr.ParameterError, match="rigid body"):
-        tr.ExtendedKalmanFilter(tr.ConstantVelocity(6, accel_psd=1.0), tr.PoseSensor(position_std=1.0, angle_std=1.0))
 
 
 # --- times -----------------------------------------------------------------------------------------------------------

@@ -245,7 +245,7 @@ def test_runs_that_cannot_start_say_why():
     with pytest.raises(tr.NonFiniteError):
         ekf.run([1.0, 2.0], np.full((2, 4), np.inf))
     with pytest.raises(tr.ParameterError, match="pass initial=GaussianState"):
-        tr.ExtendedKalmanFilter(jerk(), tr.PositionSensor(3, std=1.0)).run([0.0], [[1.0, 1.0, 1.0]])
+        tr.ExtendedKalmanFilter(jerk(), tr.LinearSensor(np.eye(3, 9), np.eye(3))).run([0.0], [[1.0, 1.0, 1.0]])
 
 
 def test_negative_ranges_are_refused_by_row_or_rejected_by_a_screen():

@@ -163,8 +163,8 @@ def k_best(costs: ArrayLike, k: int, *, miss_costs: ArrayLike | None = None) -> 
         ParameterError: `k` is negative.
 
     Reference:
-        Murty (1968), An algorithm for ranking all the assignments in order of increasing cost; Miller, Stone, Cox (1997),
-        Optimizing Murty's ranked assignment method.
+        Murty (1968), An algorithm for ranking all the assignments in order of increasing cost; Miller, Stone, Cox
+        (1997), Optimizing Murty's ranked assignment method.
 
     Example:
         >>> import trackrs as tr
@@ -188,8 +188,8 @@ class Marginals:
             to 1.
         method: "exact"; "m_best", from the most likely joint events; "belief", loopy belief propagation. That of the
             cluster that was hardest.
-        error_bound: share of the weight of all joint events that was left out, at most: no probability is wrong by more.
-            0 where exact, None where nothing is known.
+        error_bound: share of the weight of all joint events that was left out, at most: no probability is wrong by
+            more. 0 where exact, None where nothing is known.
         log_total: natural logarithm of the sum of the weights of all joint events that were counted; an estimate of it
             by belief propagation.
     """
@@ -204,9 +204,9 @@ def marginals(weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000
     """Return with what probability each track has each report, given that no report is of two tracks (JPDA).
 
     A joint event gives every track one report or none, and no report to two tracks. Its weight is the product of the
-    tracks' weights, and the probability of a pair the share of the events that hold it. Tracks that share no reports are
-    treated apart. In each such cluster the sum is exact as long as the budget allows, whatever the weights; beyond it
-    the result says what was done instead.
+    tracks' weights, and the probability of a pair the share of the events that hold it. Tracks that share no reports
+    are treated apart. In each such cluster the sum is exact as long as the budget allows, whatever the weights; beyond
+    it the result says what was done instead.
 
     Args:
         weights: (T, 1 + M). Column 0: the track is missed, 1 - P_D P_G. Column 1 + j: report j against clutter,
@@ -227,15 +227,15 @@ def marginals(weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000
 
     Reference:
         Fortmann, Bar-Shalom, Scheffe (1983), Sonar tracking of multiple targets using joint probabilistic data
-        association; Williams, Lau (2014) for belief propagation; Blom, Bloem (2000) for pruning. docs/association.md has
-        the equations and measured errors.
+        association; Williams, Lau (2014) for belief propagation; Blom, Bloem (2000) for pruning. docs/association.md
+        has the equations and measured errors.
 
     Example:
         >>> import trackrs as tr
         >>> found = tr.association.marginals([[0.1, 4.0, 1.0], [0.1, 2.0, 0.0]])
         >>> found.probabilities.round(3)
-        array([[0.084, 0.159, 0.757],
-               [0.205, 0.795, 0.   ]])
+        array([[0.077, 0.148, 0.775],
+               [0.188, 0.812, 0.   ]])
         >>> found.method, found.error_bound
         ('exact', 0.0)
     """

@@ -43,8 +43,12 @@ class _SequenceFilter:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the state's components: those of the motion, then those that the sensor adds."""
-        return self.motion.labels + self.sensor.extra_labels
+        """Names of the state's components: those of the motion, then those that the sensor adds.
+
+        With a sensor that needs an attitude they are those of a rigid body: `x y z rx ry rz vx vy vz wx wy wz ...`, a
+        rotation vector and its rates in body axes, or `rx ry rz wx wy wz ...`.
+        """
+        return tuple(self._core.labels)
 
     def _keep(self, core: _trackrs.Filter) -> None:
         if self.screen is not None:
@@ -75,12 +79,16 @@ class _SequenceFilter:
     def update(self, state: GaussianState, value: ArrayLike, platform: ArrayLike | None = None) -> Update:
         """Return the update of `state` by one measurement (m,); NaN = component not observed.
 
+        Of a `PoseSensor` with quaternions the report (7,) or (4,); innovations hold turns in body axes.
+
         Raises:
+            ParameterError: a quaternion is zero or far from norm 1.
             NotPositiveDefiniteError: the innovation covariance is singular.
             NonFiniteError: the measurement is infinite.
         """
         where = None if platform is None else array(platform, "platform", 1)
-        out: dict[str, Any] = freeze_columns(self._core.update(state.mean, state.cov, array(value, "value", 1), where))
+        measured = self.sensor.measurements(array(value, "value", 1)[np.newaxis])[0]
+        out: dict[str, Any] = freeze_columns(self._core.update(state.mean, state.cov, measured, where))
         posterior = GaussianState(out.pop("mean"), out.pop("cov"), state.time)
         return Update(posterior=posterior, **out)
 
@@ -98,16 +106,21 @@ class _SequenceFilter:
 
         Args:
             times: (T,) seconds, not decreasing.
-            values: (T, m); NaN = component not observed, a row of NaN = no measurement.
-            initial: the estimate to begin with; it is predicted from its own time to the first of `times`. With a
-                `RangeArray` it may be left out: the run then starts at the third of three consecutive measurements
-                whose position fixes pass the test of their redundancy (alpha = 0.01, or its square where the sensor
-                adds components: they fail again what they fail once), and rows before that are NaN.
+            values: (T, m); NaN = component not observed, a row of NaN = no measurement. Of a `PoseSensor` with
+                quaternions the reports, (T, 7) or (T, 4).
+            initial: the estimate to begin with; it is predicted from its own time to the first of `times`. An attitude
+                in the state is a rotation vector (`trackrs.rotation`), and its covariance that of a small turn in body
+                axes.
+                With a `RangeArray`, `PositionSensor`, `PoseSensor` or `CameraSensor` and a motion of positions,
+                velocities and accelerations it may be left out: the run then starts at the third of three consecutive
+                measurements that each give a position or pose, and rows before that are NaN. Where a fix has
+                redundancy it must pass the test of that (alpha = 0.01, or its square where the sensor adds components:
+                they fail again what they fail once); an image that two attitudes fit is none.
                 Where single measurements cannot fix a position, as ranges that come one at a time, they are gathered
                 until they can, and the state is fitted to three such groups, each measurement at its own time.
                 Components that the sensor adds may be left out.
             inputs: (T, n) known inputs, each added to the state predicted to its time; components that the sensor adds
-                may be left out.
+                may be left out. Of an attitude, turns in body axes.
             lead: predict ahead of every measurement, by so many seconds: a number, (T,) numbers, or "midpoint" for half
                 the interval to the next measurement (of the last one half the interval before), which is the cycle of
                 the helmet paper. The predictions, `lead_means` and `lead_covs` for `lead_times`, know no measurement
@@ -115,8 +128,8 @@ class _SequenceFilter:
             history: keep predicted and filtered estimates ("full"; smoothing needs it), filtered ones, or the last one.
 
         Raises:
-            ParameterError: no initial state given, and the models cannot start one; or `lead` is negative or beyond
-                the filter's `horizon`.
+            ParameterError: no initial state given, and the models cannot start one; `lead` is negative or beyond the
+                filter's `horizon`; or a quaternion is zero or far from norm 1 (the message names its row).
             UnobservableError: no three consecutive measurements could start the run; the message says why.
             TimeError: times decrease.
             DimensionError: shapes do not agree.
@@ -128,7 +141,7 @@ class _SequenceFilter:
                 f"{' '.join(self.motion.labels)}; pass initial=GaussianState(mean, cov, time)"
             )
             raise ParameterError(msg)
-        t, z = array(times, "times", 1), array(values, "values", 2)
+        t, z = array(times, "times", 1), self.sensor.measurements(values)
         u = None if inputs is None else array(inputs, "inputs", 2)
         given = None if initial is None else (initial.time, initial.mean, initial.cov)
         out = self._core.run(t, z, given, history, u, _lead(lead))
@@ -157,7 +170,7 @@ class KalmanFilter(_SequenceFilter):
         horizon: longest `lead`, seconds.
 
     Raises:
-        ParameterError: a model is not linear.
+        ParameterError: a model is not linear, as poses with quaternions are not.
         DimensionError: the sensor does not fit the motion.
 
     Reference:

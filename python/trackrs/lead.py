@@ -10,6 +10,7 @@ import numpy as np
 from trackrs._arrays import FloatArray, array, frozen
 from trackrs.errors import DimensionError, ParameterError
 from trackrs.motion import ConstantAcceleration
+from trackrs.rotation import between, turned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,36 +53,41 @@ def lead_curve(
     """Return the error of a filter's predictions for each of `leads`.
 
     Every prediction, made from the measurements up to its own, is compared with the truth at its time, in components
-    of the measurement.
+    of the measurement; of attitudes, in turns about the body's axes.
 
     Args:
         filter: any filter of one target.
         times: (T,) seconds.
-        values: (T, m) measurements.
+        values: (T, m) measurements, as for `run`.
         leads: seconds.
         initial: as for `run`.
         truth: times (K,) and values (K, m) in place of the recording. Between samples they are joined by straight
-            lines, angles the shorter way; predictions beyond the last sample do not count.
+            lines, angles and attitudes the shorter way; predictions beyond the last sample do not count.
         skip: leave out the first so many rows.
 
     Raises:
         ParameterError: a lead is negative or beyond the filter's horizon.
         DimensionError: the truth does not fit the measurements.
     """
-    t, z = array(times, "times", 1), array(values, "values", 2)
-    when, what = (t, z) if truth is None else (array(truth[0], "truth times", 1), array(truth[1], "truth values", 2))
+    measurements, rotation = filter.sensor.measurements, filter.sensor._core.rotation
+    t, z = array(times, "times", 1), measurements(values)
+    when, what = (t, z) if truth is None else (array(truth[0], "truth times", 1), measurements(truth[1]))
     if what.shape != (len(when), z.shape[1]):
         msg = f"truth has shape {what.shape}, expected ({len(when)}, {z.shape[1]})"
         raise DimensionError(msg)
     circular = list(filter.sensor.angles)
     columns = [_joined(when, what[:, i], turning=i in circular) for i in range(z.shape[1])]
+    turns = slice(0, 0) if rotation is None else slice(rotation, rotation + 3)
     rows = []
     for lead in leads:
-        run = filter.run(t, z, initial=initial, lead=float(lead), history="filtered")
+        run = filter.run(t, values, initial=initial, lead=float(lead), history="filtered")
         usable = (run.lead_times >= when[0]) & (run.lead_times <= when[-1]) & (np.arange(len(t)) >= skip)
         expected = np.array([filter.sensor.observe(mean) for mean in run.lead_means[usable]]).reshape(-1, z.shape[1])
         error = expected - np.stack([column(run.lead_times[usable]) for column in columns], axis=1)
         error[:, circular] = np.angle(np.exp(1j * error[:, circular]))
+        if rotation is not None:
+            there = _joined_attitudes(when, what[:, turns], run.lead_times[usable])
+            error[:, turns] = between(there, expected[:, turns])
         rows.append(np.abs(error[~np.isnan(error).all(axis=1)]))
     empty = np.full((1, z.shape[1]), np.nan)
     filled = [row if len(row) else empty for row in rows]
@@ -92,6 +98,16 @@ def lead_curve(
         p95=frozen(np.array([np.nanpercentile(row, 95, axis=0) for row in filled])),
         counts=frozen(np.array([len(row) for row in rows])),
     )
+
+
+def _joined_attitudes(times: FloatArray, vectors: FloatArray, at: FloatArray) -> FloatArray:
+    known = ~np.isnan(vectors).any(axis=1)
+    when, what = times[known], vectors[known]
+    left = np.clip(np.searchsorted(when, at, side="right") - 1, 0, max(len(when) - 2, 0))
+    right = np.minimum(left + 1, len(when) - 1)
+    span = when[right] - when[left]
+    share = np.divide(at - when[left], span, out=np.zeros_like(span), where=span > 0)
+    return turned(what[left], between(what[left], what[right]) * share[:, np.newaxis])
 
 
 def _joined(times: FloatArray, values: FloatArray, *, turning: bool) -> Callable[[FloatArray], FloatArray]:

@@ -33,8 +33,10 @@ class PoseSensor(Sensor):
 
     With `attitude="quaternion"` reports hold a unit quaternion w, x, y, z (Hamilton, body to frame), of either sign.
     The state holds the attitude as a rotation vector, covariances are those of small turns in body axes: no gimbal
-    lock, no seam. `measurements` turns reports into what filters take, and what their results are in: position and
-    rotation vector. The filters do not run on such states yet and refuse the sensor; with "euler" they run.
+    lock, no seam. The extended, unscented and cubature filters take a motion with 6 axes (3 without position) and make
+    it that of a rigid body, whose last three axes turn: the state is `x y z rx ry rz vx vy vz wx wy wz ...`, rates in
+    body axes. `run` and `update` take the reports; `run.attitudes` are quaternions again. `measurements` turns reports
+    into what innovations and `observe` are in: position and rotation vector.
 
     Args:
         position_std: standard deviation of the position, metres; a number or one per axis. None: no position is
@@ -56,6 +58,12 @@ class PoseSensor(Sensor):
         >>> head.measurements([[0.0, 0.0, 0.0, 1.0], [-0.8, -0.6, 0.0, 0.0]]).round(4) + 0.0
         array([[0.    , 0.    , 3.1416],
                [1.287 , 0.    , 0.    ]])
+        >>> ekf = tr.ExtendedKalmanFilter(tr.ConstantVelocity(dims=3, accel_psd=0.1), head)
+        >>> ekf.labels
+        ('rx', 'ry', 'rz', 'wx', 'wy', 'wz')
+        >>> run = ekf.run([0.0, 0.1, 0.2, 0.3], [[1.0, 0, 0, 0], [-1.0, 0, 0, 0], [1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+        >>> run.attitudes[-1]
+        array([1., 0., 0., 0.])
     """
 
     position_std: float | Sequence[float] | None = None
@@ -113,7 +121,9 @@ class CameraSensor(Sensor):
     """A camera that sees k known points of a body: measurement `u0 v0 u1 v1 ...`, pixels; NaN = not seen.
 
     The state is the pose of the body in the camera frame (x to the right, y down, z along the optical axis): position
-    and rotation vector. The filters do not run on such states yet and refuse the sensor; `fix` gives the pose.
+    and rotation vector. The extended, unscented and cubature filters take a motion with 6 axes and the image points
+    themselves, however few are seen (`x y z rx ry rz vx vy vz wx wy wz ...`, rates in body axes); a run starts itself
+    from three images of at least four points each. `fix` gives the pose of one image.
 
     Args:
         points: the points in body coordinates (k, 3), metres.

@@ -20,6 +20,7 @@ __all__ = [
     "angles_from_vectors",
     "between",
     "quaternions_from_vectors",
+    "turned",
     "vectors_from_angles",
     "vectors_from_quaternions",
 ]
@@ -103,8 +104,25 @@ def between(start: ArrayLike, end: ArrayLike) -> FloatArray:
         >>> rotation.between([0.0, 0.0, 3.1], [0.0, 0.0, -3.1]).round(4) + 0.0
         array([0.    , 0.    , 0.0832])
     """
-    a, b = array(start, "start", np.ndim(start)), array(end, "end", np.ndim(end))
+    return each(_trackrs.rotation_between, _pairs(start, end, "start and end"), "start and end")
+
+
+def turned(start: ArrayLike, turns: ArrayLike) -> FloatArray:
+    """Return where the turns lead to from `start`: the reverse of `between`.
+
+    Args:
+        start: rotation vectors (3,) or (k, 3), radians.
+        turns: as many, in body axes.
+
+    Raises:
+        DimensionError: the shapes are others.
+    """
+    return each(_trackrs.rotation_turned, _pairs(start, turns, "start and turns"), "start and turns")
+
+
+def _pairs(first: ArrayLike, second: ArrayLike, names: str) -> FloatArray:
+    a, b = array(first, names, np.ndim(first)), array(second, names, np.ndim(second))
     if a.shape != b.shape or a.ndim not in {1, 2} or a.shape[-1] != 3:
-        msg = f"start and end must both be (3,) or (k, 3), got shapes {a.shape} and {b.shape}"
+        msg = f"{names} must both be (3,) or (k, 3), got shapes {a.shape} and {b.shape}"
         raise DimensionError(msg)
-    return each(_trackrs.rotation_between, np.concatenate([a, b], axis=-1), "start and end")
+    return np.concatenate([a, b], axis=-1)

@@ -200,6 +200,25 @@ class Whiteness:
     p_value: float
 
 
+def _attitudes(means: FloatArray, attitude: int | None, labels: tuple[str, ...]) -> FloatArray:
+    if attitude is None:
+        msg = f"the state {' '.join(labels)} has no attitude"
+        raise ParameterError(msg)
+    return frozen(_trackrs.rotation_quaternions(array(means[:, attitude : attitude + 3], "means", 2)))
+
+
+def _errors(means: FloatArray, truth: ArrayLike, attitude: int | None) -> FloatArray:
+    true = array(truth, "truth", 2)
+    if true.shape != means.shape:
+        msg = f"truth has shape {true.shape}, expected {means.shape}"
+        raise DimensionError(msg)
+    out = means - true
+    if attitude is not None:
+        at = slice(attitude, attitude + 3)
+        out[:, at] = _trackrs.rotation_between(np.hstack([true[:, at], means[:, at]]))
+    return frozen(out)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRun:
     """Result of a filter over T measurements. With `history="last"` the sequences have length 1.
@@ -224,6 +243,7 @@ class FilterRun:
         labels: names of the state's components.
         start: first row of the run with an estimate, counted in the times given to `run`: 0 where an initial state was
             given. Rows before it are NaN; row `start` holds the starting state, without innovation.
+        attitude: index of the rotation vector in the state; None where it has none.
     """
 
     times: FloatArray
@@ -249,10 +269,31 @@ class FilterRun:
     log_likelihood: float
     labels: tuple[str, ...]
     start: int = 0
+    attitude: int | None = None
 
     def __len__(self) -> int:
         """Return the number of times kept."""
         return len(self.times)
+
+    @property
+    def attitudes(self) -> FloatArray:
+        """Unit quaternions w, x, y, z of the estimated attitudes (T, 4), w not negative.
+
+        Raises:
+            ParameterError: the state has no attitude.
+        """
+        return _attitudes(self.means, self.attitude, self.labels)
+
+    def errors(self, truth: ArrayLike) -> FloatArray:
+        """Return estimates less truth (T, n), of attitudes the turns from truth to estimate: what `covs` are of.
+
+        Args:
+            truth: (T, n), attitudes as rotation vectors.
+
+        Raises:
+            DimensionError: the truth has another shape.
+        """
+        return _errors(self.means, truth, self.attitude)
 
     def __getitem__(self, index: int) -> GaussianState:
         """Return the estimate after measurement `index`."""
@@ -369,9 +410,11 @@ class FilterRun:
             array(self.transitions[begin:], "transitions", 3),
             array(self.motion_noises[begin:], "motion_noises", 3),
             steps,
+            self.attitude,
         )
         out = {name: np.concatenate([np.full((begin, *part.shape[1:]), np.nan), part]) for name, part in out.items()}
-        return SmoothedRun(times=self.times, labels=self.labels, lag=lag, **freeze_columns(out))
+        names: dict[str, Any] = {"labels": self.labels, "attitude": self.attitude}
+        return SmoothedRun(times=self.times, lag=lag, **names, **freeze_columns(out))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -385,6 +428,7 @@ class SmoothedRun:
             measurements that estimate i uses.
         lag: how many measurements after its own each estimate uses; None: all.
         labels: names of the state's components.
+        attitude: index of the rotation vector in the state; None where it has none.
     """
 
     times: FloatArray
@@ -393,10 +437,31 @@ class SmoothedRun:
     lag_one_covs: FloatArray
     lag: int | None
     labels: tuple[str, ...]
+    attitude: int | None = None
 
     def __len__(self) -> int:
         """Return the number of times."""
         return len(self.times)
+
+    @property
+    def attitudes(self) -> FloatArray:
+        """Unit quaternions w, x, y, z of the estimated attitudes (T, 4), w not negative.
+
+        Raises:
+            ParameterError: the state has no attitude.
+        """
+        return _attitudes(self.means, self.attitude, self.labels)
+
+    def errors(self, truth: ArrayLike) -> FloatArray:
+        """Return estimates less truth (T, n), of attitudes the turns from truth to estimate: what `covs` are of.
+
+        Args:
+            truth: (T, n), attitudes as rotation vectors.
+
+        Raises:
+            DimensionError: the truth has another shape.
+        """
+        return _errors(self.means, truth, self.attitude)
 
     def __getitem__(self, index: int) -> GaussianState:
         """Return the estimate at time `index`."""

@@ -55,6 +55,9 @@ pub(crate) fn k_best<'py>(
         .collect())
 }
 
+/// What `marginals` hands to the facade.
+type Found<'py> = (Bound<'py, PyArray2<f64>>, &'static str, Option<f64>, f64);
+
 /// Probabilities (tracks, 1 + reports), method, bound of the error and ln of the total weight.
 #[pyfunction]
 pub(crate) fn marginals<'py>(
@@ -63,7 +66,7 @@ pub(crate) fn marginals<'py>(
     log: bool,
     budget: i64,
     prune: bool,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, &'static str, Option<f64>, f64)> {
+) -> PyResult<Found<'py>> {
     let (tracks, columns) = (weights.shape()[0], weights.shape()[1]);
     let values = array::c_slice(&weights, "weights")?;
     let domain = if log { Domain::Log } else { Domain::Linear };

@@ -79,6 +79,8 @@ pub(crate) struct Run<'py> {
     restarts: Vec<usize>,
     log_likelihood: f64,
     start: usize,
+    /// Index of the rotation vector in the state.
+    attitude: Option<usize>,
 }
 
 #[pymethods]
@@ -231,6 +233,12 @@ impl Filter {
             self.filter.clone().with_adaptation(rule)
         })?;
         Ok(Self { filter })
+    }
+
+    /// Names of the state's components.
+    #[getter]
+    fn labels(&self) -> Vec<String> {
+        self.filter.motion().labels()
     }
 
     /// Whether a run needs no initial state.
@@ -474,6 +482,7 @@ impl Filter {
             restarts: run.restarts,
             log_likelihood: run.log_likelihood,
             start: run.start,
+            attitude: run.space.attitude,
         })
     }
 }

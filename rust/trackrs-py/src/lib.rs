@@ -39,7 +39,8 @@ mod _trackrs {
     use crate::model::{Motion, Sensor};
     #[pymodule_export]
     use crate::rotation::{
-        rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_vectors,
+        rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_turned,
+        rotation_vectors,
     };
     #[pymodule_export]
     use crate::sim::{CloseTargets, Underwater, reference_course, reference_hydrophones};

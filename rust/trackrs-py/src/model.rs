@@ -344,6 +344,12 @@ impl Sensor {
         })
     }
 
+    /// Index of the rotation vector among the components.
+    #[getter]
+    fn rotation(&self) -> Option<usize> {
+        self.model.rotation()
+    }
+
     #[getter]
     fn angles(&self) -> Vec<usize> {
         self.model.angles().to_vec()

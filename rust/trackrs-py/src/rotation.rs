@@ -65,6 +65,15 @@ pub(crate) fn rotation_from_angles(angles: PyReadonlyArray2<'_, f64>) -> Rows<'_
     })
 }
 
+/// Rows of six: the first vector turned on by the second.
+#[pyfunction]
+pub(crate) fn rotation_turned(pairs: PyReadonlyArray2<'_, f64>) -> Rows<'_> {
+    each(&pairs, "pairs", 3, |_, [a, b, c, d, e, f]| {
+        let [start, turn] = [Vector3::new(a, b, c), Vector3::new(d, e, f)].map(|v| Rotation::from_vector(&v));
+        Ok(to_vec((start * turn).vector()))
+    })
+}
+
 /// Rows of six: from the first vector to the second.
 #[pyfunction]
 pub(crate) fn rotation_between(pairs: PyReadonlyArray2<'_, f64>) -> Rows<'_> {

@@ -23,7 +23,7 @@ pub(crate) struct Smoothed<'py> {
 
 #[allow(clippy::too_many_arguments)]
 #[pyfunction]
-#[pyo3(signature = (means, covs, predicted_means, predicted_covs, transitions, motion_noises, lag=None))]
+#[pyo3(signature = (means, covs, predicted_means, predicted_covs, transitions, motion_noises, lag=None, attitude=None))]
 pub(crate) fn smooth<'py>(
     py: Python<'py>,
     means: PyReadonlyArray2<'py, f64>,
@@ -33,9 +33,11 @@ pub(crate) fn smooth<'py>(
     transitions: PyReadonlyArray3<'py, f64>,
     motion_noises: PyReadonlyArray3<'py, f64>,
     lag: Option<usize>,
+    attitude: Option<usize>,
 ) -> PyResult<Smoothed<'py>> {
     let n = means.shape()[1];
     let mut run = FilterRun::new(n, 0);
+    run.space.attitude = attitude.filter(|at| at + 3 <= n);
     for (stack, array, name) in [
         (&mut run.filtered.means, &means, "means"),
         (&mut run.predicted.means, &predicted_means, "predicted_means"),

@@ -197,7 +197,7 @@ fn estimated_noise_is_that_of_the_reference() {
         for (k, step) in reference["steps"].as_array().unwrap().iter().enumerate() {
             let (f, gain) = jerk_model(case.times[k]);
             let noise = &gain * memory.q() * gain.transpose();
-            let given = memory.step_noise(&motion, case.times[k]).unwrap();
+            let given = memory.step_noise(&motion, &state.mean, case.times[k]).unwrap();
             assert_relative_eq!(DMatrix::from_row_slice(9, 9, given), noise, max_relative = 1e-14);
             let predicted = predict(&state, &f, &noise);
             case.sensor.noise = memory.r().clone();

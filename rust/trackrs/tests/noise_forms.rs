@@ -94,6 +94,7 @@ fn both(motion: &MotionModel, times: &[f64], rule: LimitedMemoryNoise) -> Both {
     let (identity, nothing) = (DMatrix::<f64>::identity(n, n), vec![0.0; n * n]);
     let mut epochs = vec![Epoch {
         step: 0,
+        space: run.space,
         filtered: (&initial.state).into(),
         predicted: (&initial.state).into(),
         transition: identity.as_slice(),

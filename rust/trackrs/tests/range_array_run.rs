@@ -3,7 +3,7 @@
 mod arrays;
 
 use arrays::{BATS, bats, noisy, settings, toss};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use trackrs::filter::sequence::{Filter, History};
@@ -85,8 +85,9 @@ fn a_run_that_cannot_start_says_why() {
     let filter = Filter::extended(walk.clone(), SensorModel::RangeArray(array)).unwrap();
     let error = filter.run(&times, &values, None, None, History::Full).unwrap_err();
     assert!(error.to_string().contains("ambiguous"), "{error}");
-    let plain = trackrs::model::sensor::PositionSensor::new(vec![1.0; 3]).unwrap();
-    let filter = Filter::extended(walk, SensorModel::Position(plain)).unwrap();
+    let whole = DMatrix::identity(3, 3);
+    let plain = trackrs::model::sensor::LinearSensor::new(whole.clone(), whole, DVector::zeros(3)).unwrap();
+    let filter = Filter::extended(walk, SensorModel::Linear(plain)).unwrap();
     let error = filter.run(&times, &values, None, None, History::Full).unwrap_err();
     assert!(error.to_string().contains("initial = missing"), "{error}");
 }

@@ -5,12 +5,12 @@
 //! | C, μ   | `costs`, `miss_costs` | as in [`assignment`](super::assignment)                                |
 //! | s      | `depth`   | rows before it are fixed to what they have in the node's solution                  |
 //! | F      | `forbidden` | what row s may not have                                                          |
-//! | u, v   | `row_duals`, `column_duals` | C[r,c] ≥ u[r] + v[c], μ[r] ≥ u[r], 0 ≥ v[c]; equal where assigned or left out |
+//! | u, v   | `row_duals`, `column_duals` | C_rc ≥ u_r + v_c, μ_r ≥ u_r, 0 ≥ v_c; equal where assigned or left out |
 //!
 //! 1. A node is a set of assignments and the best of them. The root holds all.
 //! 2. The cheapest open node's solution is the next in order. What else the node holds is split: child r = s, s + 1, …
 //!    fixes rows s … r − 1 to what they have in that solution and forbids row r what it has there.
-//! 3. The child's solution is one augmentation away from the parent's, under the parent's duals ([`search`]).
+//! 3. The child's solution is one augmentation away from the parent's, under the parent's duals (`search`).
 //!
 //! Costs are summed anew for every solution, row by row. Equal costs come in the order in which they were found, which
 //! depends on the numbers alone.

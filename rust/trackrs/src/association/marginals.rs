@@ -10,11 +10,11 @@
 //!
 //! 1. w(e) = Π_i w_{i,e(i)}, and β as above (spec N19; docs/association.md has the derivation).
 //! 2. Tracks that share no report, not even through others, are independent: W is the product over such clusters.
-//! 3. In each cluster the sums are taken exactly, over subsets of the frontier ([`subsets`]).
-//! 4. A cluster that needs more transitions than the budget: the best joint events in order ([`m_best`]) if these hold
-//!    all but 1 % of W, which a bound proves; else belief propagation ([`belief`]), which has no bound.
+//! 3. In each cluster the sums are taken exactly, over subsets of the frontier (`subsets`).
+//! 4. A cluster that needs more transitions than the budget: the best joint events in order (`m_best`) if these hold
+//!    all but 1 % of W, which a bound proves; else belief propagation (`belief`), which has no bound.
 //! 5. Asked for, pruned: of the joint events that use the same tracks and the same reports only the most likely counts
-//!    ([`pruned`]), so that tracks do not coalesce.
+//!    (`pruned`), so that tracks do not coalesce.
 //!
 //! References: T. E. Fortmann, Y. Bar-Shalom, M. Scheffe, Sonar tracking of multiple targets using joint probabilistic
 //! data association, IEEE J. Ocean. Eng. 8(3), 1983; J. L. Williams, R. A. Lau, Approximate evaluation of marginal
@@ -163,16 +163,19 @@ fn clusters(weights: &Weights) -> Vec<Vec<usize>> {
             parent[a.max(b)] = a.min(b);
         }
     }
-    // A root is the first track of its cluster.
-    let mut clusters: Vec<Vec<usize>> = Vec::new();
-    let mut index = vec![0; weights.tracks()];
+    let mut sizes = vec![0; weights.tracks()];
     for track in 0..weights.tracks() {
-        let root = root(&mut parent, track);
+        parent[track] = root(&mut parent, track);
+        sizes[parent[track]] += 1;
+    }
+    // A root is the first track of its cluster; from here on its size stands for the place of the cluster.
+    let mut clusters: Vec<Vec<usize>> = Vec::new();
+    for (track, &root) in parent.iter().enumerate() {
         if root == track {
-            index[track] = clusters.len();
-            clusters.push(Vec::new());
+            clusters.push(Vec::with_capacity(sizes[root]));
+            sizes[root] = clusters.len() - 1;
         }
-        clusters[index[root]].push(track);
+        clusters[sizes[root]].push(track);
     }
     clusters
 }

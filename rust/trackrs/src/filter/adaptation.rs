@@ -3,7 +3,7 @@
 //! An adaptation says which noise the next step is predicted with and which R its measurement has, and takes in what each
 //! epoch gave. Each rule has a file of its own: [`super::noise`], [`super::residual_noise`], [`super::nis_noise`].
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::nis_noise::{NisMemory, NisScaledNoise};
 use super::noise::{LimitedMemoryNoise, NoiseMemory, ProcessedEpoch, QForm};
@@ -89,7 +89,9 @@ impl NoiseRule {
                     // What a full Q begins with is known with the first step.
                     _ => DMatrix::from_element(n, n, f64::NAN),
                 };
-                Adaptation::LimitedMemory(Box::new(NoiseMemory::new(rule, start.into(), q, sensor.noise())?))
+                Adaptation::LimitedMemory(Box::new(
+                    NoiseMemory::new(rule, start.into(), q, sensor.noise())?.in_space(motion.space()),
+                ))
             }
             Self::Residual(rule) => Adaptation::Residual(Box::new(ResidualHistory::new(rule, n, sensor.noise()))),
             Self::NisScaled(rule) => Adaptation::NisScaled(Box::new(NisMemory::new(rule, motion, sensor.noise())?)),
@@ -140,12 +142,12 @@ impl Adaptation {
         }
     }
 
-    /// The motion noise of a step of length `dt`, n×n.
-    pub fn step_noise(&mut self, motion: &dyn Motion, dt: f64) -> Result<&[f64]> {
+    /// The motion noise of a step of length `dt` from `state`, n×n.
+    pub fn step_noise(&mut self, motion: &dyn Motion, state: &DVector<f64>, dt: f64) -> Result<&[f64]> {
         match self {
-            Self::LimitedMemory(memory) => memory.step_noise(motion, dt),
-            Self::Residual(memory) => Ok(memory.step_noise(motion, dt)),
-            Self::NisScaled(memory) => Ok(memory.step_noise(motion, dt)),
+            Self::LimitedMemory(memory) => memory.step_noise(motion, state, dt),
+            Self::Residual(memory) => Ok(memory.step_noise(motion, state, dt)),
+            Self::NisScaled(memory) => Ok(memory.step_noise(motion, state, dt)),
         }
     }
 

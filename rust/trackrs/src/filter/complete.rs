@@ -23,6 +23,13 @@ impl Filter {
         input.clone().insert_rows(input.len(), missing, 0.0)
     }
 
+    /// Inputs with or without the lasting errors of the sensor, one after the other.
+    pub(super) fn flatten_inputs(&self, rows: &[DVector<f64>]) -> Result<Vec<f64>> {
+        self.require_states("input", rows)?;
+        let complete: Vec<_> = rows.iter().map(|row| self.complete_input(row)).collect();
+        flatten("input", &complete, self.motion().state_dim())
+    }
+
     /// Length of a state or input without the lasting errors of the sensor.
     pub fn kinematic_dim(&self) -> usize {
         self.motion().state_dim() - self.sensor().nuisance().map_or(0, |nuisance| nuisance.dim())
@@ -41,4 +48,14 @@ impl Filter {
             .find(|&len| len != n && len != kinematic);
         odd.map_or(Ok(()), |found| require_size(what, n, found))
     }
+}
+
+/// Vectors of one length, one after the other.
+pub(super) fn flatten(name: &str, rows: &[DVector<f64>], width: usize) -> Result<Vec<f64>> {
+    let mut flat = Vec::with_capacity(rows.len() * width);
+    for row in rows {
+        require_size(name, width, row.len())?;
+        flat.extend_from_slice(row.as_slice());
+    }
+    Ok(flat)
 }

@@ -3,11 +3,13 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::chart::Chart;
 use super::kalman::{MeasurementPrediction, Update};
 use super::measured_root::RootScratch;
 use crate::error::{Error, Result};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::kernel::{self, known, sized};
+use crate::model::StateSpace;
 
 /// Intermediate matrices of an update.
 #[derive(Debug, Clone, Default)]
@@ -184,6 +186,15 @@ impl Correction {
     pub(super) fn factor(&self) -> Option<&[f64]> {
         let factor = &self.scratch.root.factor;
         (self.dof > 0 && !factor.is_empty()).then_some(factor)
+    }
+
+    /// Makes the posterior, a sum, the change of a prior with an attitude, and counts its error from there.
+    pub(super) fn settle(&mut self, space: StateSpace, prior: &DVector<f64>) {
+        let Some(chart) = Chart::of_step(space, prior.as_slice(), self.posterior.mean.as_mut_slice()) else {
+            return;
+        };
+        chart.both(space.dim, self.posterior.cov.as_mut_slice());
+        chart.columns(space.dim, &mut self.scratch.root.factor);
     }
 
     /// Updates `prior`; NaN components of the innovation count as not observed.

@@ -15,7 +15,8 @@
 //! Iterated (`iterations` > 1): x_0 = x⁻,  x_{i+1} = x⁻ + K_i (z − h(x_i) − H_i (x⁻ − x_i)): Gauss-Newton on
 //! ‖x − x⁻‖² in P⁻ plus ‖z − h(x)‖² in R. It ends with the count, or when no component of x moves by more than
 //! [`SMALL_STEP`] of its standard deviation before the measurement. Innovation, NIS and likelihood are those at x⁻; the
-//! covariance is that of the last H.
+//! covariance is that of the last H. With an attitude in the state all x_i are changes of x⁻, and H_i becomes H_i J_r(x_i − x⁻)
+//! on its columns; where the result stands, the covariance is counted anew (`chart.rs`).
 //!
 //! Reference: Bar-Shalom, Li, Kirubarajan (2001), §10.3, second order §10.3.2, iterated §10.5.2; Bell, Cathey (1993), The
 //! iterated Kalman filter update as a Gauss-Newton method, IEEE Trans. AC 38(2).
@@ -29,7 +30,7 @@ use super::sigma_points::SigmaPoints;
 use super::square_root::{Form, factor_of};
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
-use crate::model::Sensor;
+use crate::model::{Sensor, StateSpace};
 
 /// An iteration that moves every component of the state by less than this share of its standard deviation is the last.
 pub const SMALL_STEP: f64 = 1e-9;
@@ -103,7 +104,8 @@ impl From<Rule> for Method {
     }
 }
 
-/// Updates `prior` by one measurement of length m by this method; NaN components were not observed.
+/// Updates `prior`, in whose space everything adds, by one measurement of length m by this method; NaN components were not
+/// observed.
 pub fn update(
     prior: &Gaussian,
     sensor: &dyn Sensor,
@@ -111,9 +113,28 @@ pub fn update(
     platform: Option<&DVector<f64>>,
     method: impl Into<Method>,
 ) -> Result<Update> {
+    update_in(
+        StateSpace::euclidean(prior.dim()),
+        prior,
+        sensor,
+        measurement,
+        platform,
+        method.into(),
+    )
+}
+
+/// The same in any space.
+pub fn update_in(
+    space: StateSpace,
+    prior: &Gaussian,
+    sensor: &dyn Sensor,
+    measurement: &DVector<f64>,
+    platform: Option<&DVector<f64>>,
+    method: Method,
+) -> Result<Update> {
+    require_size("state", space.dim, prior.dim())?;
     require_size("measurement", sensor.measurement_dim(), measurement.len())?;
-    let method = method.into();
-    let mut look = Look::new(prior.dim(), sensor, &method)?;
+    let mut look = Look::new(space, sensor, &method)?;
     let factor = factor_of(method.form, &prior.cov)?;
     let target = Target {
         prior,

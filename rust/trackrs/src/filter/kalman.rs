@@ -46,7 +46,7 @@ pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
 
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
 pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {
-    let mut prediction = Prediction::new(prior.dim(), Rule::Once, Form::Joseph);
+    let mut prediction = Prediction::new(motion.space(), Rule::Once, Form::Joseph);
     let course = Course {
         motion,
         dt,

@@ -11,13 +11,18 @@
 //! C = P_{i−1} Fᵀ (P⁻)⁻¹, by solving with the Cholesky factor of P⁻                                  (U14)
 //! x_{i−1} = x + C (x_i − x⁻) + N(0, D),  D = (I − C F) P_{i−1} (I − C F)ᵀ + C Q Cᵀ                  (U15)
 //! lag one: cov(x_i, x_{i−1} | data to k) = P_{i|k} Cᵀ                                               (U16)
-//! A link does not depend on data after i−1.
+//! A link does not depend on data after i−1. Where states hold an attitude, differences and sums are those of [`StateSpace`]; P_i|k
+//! is counted from x⁻ on the way, and P_{i−1} from where x_{i−1} comes to stand (`chart.rs`).
 //!
 //! Reference and deviations: see [`super::smoother`].
 
+use nalgebra::Vector3;
+
+use super::chart::{Chart, settle_difference};
 use crate::error::{Error, Result};
 use crate::gaussian::GaussianRef;
 use crate::linalg::kernel::{self, BadPivot, known, sized};
+use crate::model::StateSpace;
 
 /// The step that leads to an epoch.
 #[derive(Debug, Clone, Copy)]
@@ -33,11 +38,19 @@ pub(super) struct Step<'a> {
 #[derive(Debug, Clone)]
 pub(super) struct Link {
     n: usize,
+    space: StateSpace,
     before: Vec<f64>,
     predicted: Vec<f64>,
     gain: Vec<f64>,
     gain_transposed: Vec<f64>,
     rest: Vec<f64>,
+}
+
+/// Attitudes of x_i less x⁻, and of what that makes of x_{i−1}.
+struct Turns {
+    at: usize,
+    later: Vector3<f64>,
+    earlier: Vector3<f64>,
 }
 
 /// Matrices on the way to a link or back along one.
@@ -69,10 +82,12 @@ impl LinkScratch {
 }
 
 impl Link {
-    /// Memory for states of length n.
-    pub(super) fn new(n: usize) -> Self {
+    /// Memory for states of this space.
+    pub(super) fn new(space: StateSpace) -> Self {
+        let n = space.dim;
         Self {
             n,
+            space,
             before: vec![0.0; n],
             predicted: vec![0.0; n],
             gain: vec![0.0; n * n],
@@ -103,13 +118,50 @@ impl Link {
     /// The estimate of the earlier epoch, from that of the later one.
     pub(super) fn back(&self, later: GaussianRef<'_>, scratch: &mut LinkScratch, mean: &mut [f64], cov: &mut [f64]) {
         let n = self.n;
+        if let Some(turns) = self.turns(later) {
+            // P_i|k, counted from x⁻.
+            let mut counted = later.cov.to_vec();
+            Chart::back(turns.at, &turns.later).both(n, &mut counted);
+            let later = GaussianRef { cov: &counted, ..later };
+            sized!(back(n, self, later, scratch, mean, cov));
+            let _ = Chart::of_step(self.space, &self.before, mean);
+            Chart::forth(turns.at, &turns.earlier).both(n, cov);
+            return;
+        }
         sized!(back(n, self, later, scratch, mean, cov));
     }
 
-    /// cov(x_i, x_{i−1}) from the covariance of the later epoch, n×n row by row.
-    pub(super) fn lag_one(&self, later_cov: &[f64], out: &mut [f64]) {
+    /// cov(x_i, x_{i−1}) from the estimate of the later epoch, n×n row by row.
+    pub(super) fn lag_one(&self, later: GaussianRef<'_>, out: &mut [f64]) {
         let n = self.n;
-        kernel::multiply::<0>(n, n, later_cov, &self.gain_transposed, out);
+        let Some(turns) = self.turns(later) else {
+            kernel::multiply::<0>(n, n, later.cov, &self.gain_transposed, out);
+            return;
+        };
+        let mut half = later.cov.to_vec();
+        Chart::back(turns.at, &turns.later).columns(n, &mut half);
+        kernel::multiply::<0>(n, n, &half, &self.gain_transposed, out);
+        Chart::forth(turns.at, &turns.earlier).columns(n, out);
+    }
+
+    /// Makes x_i − x⁻ the change that leads from x⁻ to x_i.
+    pub(super) fn settle(&self, later: &[f64], offset: &mut [f64]) -> Option<Chart> {
+        let at = self.space.attitude?;
+        let turn = settle_difference(self.space, later, &self.predicted, offset)?;
+        Some(Chart::back(at, &turn))
+    }
+
+    /// By how much the attitudes of the two epochs change; none where everything adds.
+    fn turns(&self, later: GaussianRef<'_>) -> Option<Turns> {
+        let at = self.space.attitude?;
+        let mut offset: Vec<f64> = later.mean.iter().zip(&self.predicted).map(|(x, y)| x - y).collect();
+        let turn = settle_difference(self.space, later.mean, &self.predicted, &mut offset)?;
+        let row = |i: usize| kernel::dot(&self.gain[(at + i) * self.n..(at + i + 1) * self.n], &offset);
+        Some(Turns {
+            at,
+            later: turn,
+            earlier: Vector3::new(row(0), row(1), row(2)),
+        })
     }
 }
 
@@ -197,6 +249,7 @@ fn back<const N: usize>(
     for ((d, x), predicted) in offset.iter_mut().zip(later.mean).zip(&link.predicted) {
         *d = x - predicted;
     }
+    let _ = settle_difference(link.space, later.mean, &link.predicted, offset);
     mean.copy_from_slice(&link.before);
     for (k, &d) in offset.iter().enumerate() {
         kernel::add_scaled(mean, d, &link.gain_transposed[k * n..(k + 1) * n]);

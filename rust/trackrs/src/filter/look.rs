@@ -6,6 +6,7 @@
 
 use nalgebra::DVector;
 
+use super::chart::{Chart, attitude_of};
 use super::correction::Correction;
 use super::extended::{Linearised, Method, Rule, SMALL_STEP};
 use super::kalman::{Update, copy_rows};
@@ -15,8 +16,8 @@ use super::square_root::{Form, lower_cholesky, lower_root, solve_forward, solve_
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel;
-use crate::model::Sensor;
 use crate::model::sensor::residual_into;
+use crate::model::{Sensor, StateSpace};
 
 /// One state and one measurement of it.
 #[derive(Clone, Copy)]
@@ -34,6 +35,7 @@ pub(super) struct Target<'a> {
 #[derive(Debug, Clone)]
 pub(super) struct Look {
     method: Method,
+    space: StateSpace,
     pub(super) linearised: Linearised,
     /// NaN where not observed; a screen may set more of them before the correction.
     pub(super) innovation: DVector<f64>,
@@ -49,7 +51,8 @@ pub(super) struct Look {
 
 impl Look {
     /// Memory for one kind of state and one sensor, whose own R is set.
-    pub(super) fn new(n: usize, sensor: &dyn Sensor, method: &Method) -> Result<Self> {
+    pub(super) fn new(space: StateSpace, sensor: &dyn Sensor, method: &Method) -> Result<Self> {
+        let n = space.dim;
         let m = sensor.measurement_dim();
         let mut linearised = Linearised::sized(n, m);
         if method.form == Form::SquareRoot {
@@ -59,6 +62,7 @@ impl Look {
         copy_rows(&sensor.noise(), &mut noise);
         let mut look = Self {
             method: *method,
+            space,
             again: linearised.clone(),
             linearised,
             innovation: DVector::zeros(m),
@@ -91,7 +95,9 @@ impl Look {
             (Rule::SigmaPoints(points), Some(carried)) if !points.redraws() => {
                 self.expect_carried(&points, target, carried)?;
             }
-            (Rule::SigmaPoints(points), _) if !target.sensor.is_linear() => self.expect_of_points(&points, target)?,
+            (Rule::SigmaPoints(points), _) if !target.sensor.is_linear_in_changes() => {
+                self.expect_of_points(&points, target)?;
+            }
             _ => self.expect_by_slope(target)?,
         }
         residual_into(
@@ -124,8 +130,12 @@ impl Look {
 
     /// S, cross covariance and mean from points of the prior, as a line and its noise.
     fn expect_of_points(&mut self, points: &SigmaPoints, target: &Target<'_>) -> Result<()> {
-        let (n, m) = (target.prior.dim(), self.innovation.len());
-        let spread = self.spread.get_or_insert_with(|| Spread::new(n, m));
+        let n = target.prior.dim();
+        let images = StateSpace {
+            dim: self.innovation.len(),
+            attitude: target.sensor.rotation(),
+        };
+        let spread = self.spread.get_or_insert_with(|| Spread::new(self.space, images));
         draw(spread, points, target.prior, target.factor)?;
         let (states, images) = (&spread.points, &mut spread.images);
         target.sensor.observe_all(states, n, target.platform, images)?;
@@ -149,7 +159,11 @@ impl Look {
     /// K = P_xz S⁻¹ and P⁺ = P⁻ − K S Kᵀ; a screen sees H̃ = P_xzᵀ (P⁻)⁻¹.
     fn expect_carried(&mut self, points: &SigmaPoints, target: &Target<'_>, carried: &Spread) -> Result<()> {
         let (n, m) = (target.prior.dim(), self.innovation.len());
-        let spread = self.spread.get_or_insert_with(|| Spread::new(n, m));
+        let space = StateSpace {
+            dim: m,
+            attitude: target.sensor.rotation(),
+        };
+        let spread = self.spread.get_or_insert_with(|| Spread::new(self.space, space));
         let images = &mut spread.images;
         target.sensor.observe_all(&carried.images, n, target.platform, images)?;
         spread.summarise(points, target.sensor.angles());
@@ -181,6 +195,15 @@ impl Look {
 
     /// Corrects the prior by the innovation.
     pub(super) fn correct(&mut self, target: &Target<'_>, measurement: &[f64]) -> Result<()> {
+        self.solve(target, measurement)?;
+        if self.space.attitude.is_some() && self.correction.dof > 0 {
+            self.correction.settle(self.space, &target.prior.mean);
+        }
+        Ok(())
+    }
+
+    /// The posterior as a change of the prior that adds.
+    fn solve(&mut self, target: &Target<'_>, measurement: &[f64]) -> Result<()> {
         let prior = target.prior;
         let iterations = if let Rule::Iterated(count) = self.method.rule {
             count
@@ -194,7 +217,16 @@ impl Look {
         }
         for _ in 1..iterations {
             self.point.copy_from(&self.correction.posterior.mean);
-            self.again.at(&self.point, target.sensor, target.platform)?;
+            if let Some(at) = self.space.attitude {
+                // The sum is the state, and H counts from there.
+                let step = attitude_of(self.point.as_slice(), at) - attitude_of(prior.mean.as_slice(), at);
+                let mut state = self.point.clone();
+                let _ = Chart::of_step(self.space, prior.mean.as_slice(), state.as_mut_slice());
+                self.again.at(&state, target.sensor, target.platform)?;
+                Chart::transposed(at, &step).columns(prior.dim(), &mut self.again.prediction.jacobian);
+            } else {
+                self.again.at(&self.point, target.sensor, target.platform)?;
+            }
             set_root(&mut self.again, target, &self.noise_root);
             self.again.prediction.prepare(prior.cov.as_slice())?;
             residual_into(

@@ -1,7 +1,7 @@
 //! The measurement side of the square-root form: S, the gain and the posterior from the array of [`super::square_root`].
 
 use super::kalman::MeasurementPrediction;
-use super::square_root::{Array, solve_root, square, triangularise};
+use super::square_root::{Array, Reflector, solve_root, square};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::kernel::{self, BadPivot};
 
@@ -16,7 +16,7 @@ pub(super) struct MeasuredRoot {
     pub(super) noise: Vec<f64>,
     work: Vec<f64>,
     weights: Vec<f64>,
-    sum: Vec<f64>,
+    reflector: Reflector,
 }
 
 /// What turning it needs and gives.
@@ -47,11 +47,10 @@ impl MeasurementPrediction {
                 }
             }
         }
-        root.sum.resize(m, 0.0);
         // W, lower, whatever the number of rows of R.
         root.weights.clear();
         root.weights.extend_from_slice(&root.noise);
-        triangularise(m, &mut root.weights, &mut root.sum);
+        root.reflector.triangularise(m, &mut root.weights);
         root.weights.truncate(m * m);
         // The rows of V and W, their columns in reverse, make a lower triangle whose transpose in reverse is that of S = L Lᵀ.
         root.work.clear();
@@ -62,7 +61,7 @@ impl MeasurementPrediction {
         {
             root.work.extend(row.iter().rev());
         }
-        triangularise(m, &mut root.work, &mut root.sum);
+        root.reflector.triangularise(m, &mut root.work);
         for k in 0..m {
             let row = &root.work[(m - 1 - k) * m..(m - k) * m];
             let value = row[m - 1 - k];

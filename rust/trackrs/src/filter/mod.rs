@@ -1,10 +1,12 @@
 //! Recursive estimation of one target's state.
 
 pub mod adaptation;
+mod chart;
 mod complete;
 mod correction;
 pub mod extended;
 mod fit;
+mod found;
 pub mod fusion;
 pub mod kalman;
 pub mod lead;

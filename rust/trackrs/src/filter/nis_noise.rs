@@ -11,7 +11,7 @@
 //! R stays as it is: its errors up to a factor of 4 are made up for, but a larger R puts the filter to sleep.
 //! Reference: spec label H24; the paper has nothing of the kind.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::adaptation::Corrected;
 use super::kalman::copy_rows;
@@ -93,10 +93,10 @@ impl NisMemory {
         &self.r
     }
 
-    pub(super) fn step_noise(&mut self, motion: &dyn Motion, dt: f64) -> &[f64] {
-        match motion.noise_input(dt) {
+    pub(super) fn step_noise(&mut self, motion: &dyn Motion, state: &DVector<f64>, dt: f64) -> &[f64] {
+        match motion.noise_input_at(state, dt) {
             Some(input) => copy_rows(&entered(&input, &self.q), &mut self.step_noise),
-            None => copy_rows(&motion.noise(dt), &mut self.step_noise),
+            None => copy_rows(&motion.noise_at(state, dt), &mut self.step_noise),
         }
         &self.step_noise
     }

@@ -37,7 +37,7 @@ use crate::error::{Error, Result, require_finite};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::kernel;
 use crate::linalg::symmetric::clip_eigenvalues;
-use crate::model::{Motion, Sensor};
+use crate::model::{Motion, Sensor, StateSpace};
 
 /// How the residuals of the smoothed states become covariances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -193,6 +193,7 @@ pub(super) struct Entry {
 #[derive(Debug, Clone)]
 pub struct NoiseMemory {
     rule: LimitedMemoryNoise,
+    space: StateSpace,
     last: Gaussian,
     epochs: VecDeque<Remembered>,
     processed: usize,
@@ -214,6 +215,7 @@ impl NoiseMemory {
         let n = start.dim();
         Ok(Self {
             rule,
+            space: StateSpace::euclidean(n),
             last: start.to_owned(),
             epochs: VecDeque::with_capacity(rule.window.max(rule.r_window()).min(1024)),
             processed: 0,
@@ -254,10 +256,17 @@ impl NoiseMemory {
         self.epochs.clear();
     }
 
-    /// The motion noise of a step of length `dt` with the Q in force, n×n: Γ Q̄ Γᵀ and what is not estimated.
-    pub fn step_noise(&mut self, motion: &dyn Motion, dt: f64) -> Result<&[f64]> {
-        if dt != self.entry.dt {
-            self.set_entry(motion, dt)?;
+    /// The same memory for states of another space than one in which everything adds.
+    #[must_use]
+    pub fn in_space(mut self, space: StateSpace) -> Self {
+        self.space = space;
+        self
+    }
+
+    /// The motion noise of a step of length `dt` from `state` with the Q in force, n×n: Γ Q̄ Γᵀ and what is not estimated.
+    pub fn step_noise(&mut self, motion: &dyn Motion, state: &DVector<f64>, dt: f64) -> Result<&[f64]> {
+        if dt != self.entry.dt || self.space.attitude.is_some() {
+            self.set_entry(motion, state, dt)?;
         }
         let n = self.last.dim();
         let Entry { gain, rest, .. } = &self.entry;
@@ -284,11 +293,11 @@ impl NoiseMemory {
         Ok(&self.step_noise)
     }
 
-    fn set_entry(&mut self, motion: &dyn Motion, dt: f64) -> Result<()> {
+    fn set_entry(&mut self, motion: &dyn Motion, state: &DVector<f64>, dt: f64) -> Result<()> {
         let n = self.last.dim();
         let entry = &mut self.entry;
         entry.dt = f64::NAN;
-        match (self.rule.q_form, motion.noise_input(dt)) {
+        match (self.rule.q_form, motion.noise_input_at(state, dt)) {
             (QForm::Input, Some(input)) => {
                 entry.gain.resize(input.gain.ncols() * n, 0.0);
                 copy_rows(&input.gain.transpose(), &mut entry.gain);
@@ -314,7 +323,7 @@ impl NoiseMemory {
                         return Err(Error::invalid("q_form", "full", &requirement));
                     }
                     if self.q.iter().any(|q| q.is_nan()) {
-                        self.q = motion.noise(dt);
+                        self.q = motion.noise_at(state, dt);
                     }
                 }
             }
@@ -328,7 +337,7 @@ impl NoiseMemory {
     pub fn push(&mut self, epoch: &ProcessedEpoch<'_>, sensor: &dyn Sensor) -> Result<()> {
         let full = self.epochs.len() == self.rule.window.max(self.rule.r_window());
         let oldest = if full { self.epochs.pop_front() } else { None };
-        let mut remembered = oldest.unwrap_or_else(|| Remembered::new(self.last.dim(), self.r.nrows()));
+        let mut remembered = oldest.unwrap_or_else(|| Remembered::new(self.space, self.r.nrows()));
         self.processed += 1;
         remembered.set(
             (&self.last).into(),

@@ -16,15 +16,16 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::chart::Chart;
 use super::extended::Rule;
 use super::kalman::copy_rows;
 use super::sigma_points::{SigmaPoints, Spread};
-use super::square_root::{Form, lower_root, square, triangularise};
+use super::square_root::{Form, Reflector, lower_root, square};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel::{self, known, sized};
 use crate::linalg::sparse::{Sparse, UnitUpper};
-use crate::model::Motion;
+use crate::model::{Motion, StateSpace};
 
 /// What a state is predicted by.
 #[derive(Clone, Copy)]
@@ -44,6 +45,7 @@ pub struct Course<'a> {
 pub struct Prediction {
     /// The estimate before the measurement.
     pub state: Gaussian,
+    space: StateSpace,
     rule: Rule,
     transition: Vec<f64>,
     /// Q, and Q with the bends where there are any.
@@ -72,17 +74,20 @@ struct Root {
     /// The step for which the factor of Q is the model's own; NaN: none.
     noise_dt: f64,
     rows: Vec<f64>,
+    reflector: Reflector,
 }
 
 impl Prediction {
-    /// Memory for a state of length n.
-    pub fn new(n: usize, rule: Rule, form: Form) -> Self {
+    /// Memory for states of this space.
+    pub fn new(space: StateSpace, rule: Rule, form: Form) -> Self {
+        let n = space.dim;
         let square = || vec![0.0; n * n];
         Self {
             state: Gaussian {
                 mean: DVector::zeros(n),
                 cov: DMatrix::zeros(n, n),
             },
+            space,
             rule,
             transition: square(),
             noise: square(),
@@ -99,6 +104,7 @@ impl Prediction {
                 noise: square(),
                 noise_dt: f64::NAN,
                 rows: Vec::with_capacity((3 * n + 1) * n),
+                reflector: Reflector::default(),
             }),
         }
     }
@@ -128,6 +134,9 @@ impl Prediction {
         if let Some(noise) = course.noise {
             self.noise.copy_from_slice(noise);
             self.noise_dt = f64::NAN;
+        } else if self.space.attitude.is_some() {
+            copy_rows(&course.motion.noise_at(&prior.mean, course.dt), &mut self.noise);
+            self.noise_dt = f64::NAN;
         } else if course.dt != self.noise_dt {
             copy_rows(&course.motion.noise(course.dt), &mut self.noise);
             self.noise_dt = course.dt;
@@ -143,15 +152,38 @@ impl Prediction {
         }
         if let Some(input) = course.input {
             kernel::add_scaled(self.state.mean.as_mut_slice(), 1.0, input);
+            let chart = Chart::of_input(self.space, input, self.state.mean.as_mut_slice());
             if let (Rule::SigmaPoints(points), Some(spread)) = (self.rule, &mut self.spread)
                 && !points.redraws()
             {
                 for image in spread.images.chunks_exact_mut(input.len().max(1)) {
                     kernel::add_scaled(image, 1.0, input);
+                    let _ = Chart::of_input(self.space, input, image);
                 }
+            }
+            if let Some(chart) = chart {
+                self.turn(&chart);
             }
         }
         Ok(())
+    }
+
+    /// Counts the error of the prediction from another point.
+    fn turn(&mut self, chart: &Chart) {
+        let n = self.space.dim;
+        chart.rows(n, &mut self.transition);
+        chart.both(n, &mut self.noise);
+        chart.both(n, self.state.cov.as_mut_slice());
+        if let Some(bent) = &mut self.bent {
+            chart.both(n, bent);
+        }
+        if let Some(root) = &mut self.root {
+            chart.columns(n, &mut root.factor);
+        }
+        if let Some(spread) = &mut self.spread {
+            chart.columns(n, &mut spread.slopes);
+            chart.columns(n, &mut spread.bends);
+        }
     }
 
     fn linearise(&mut self, prior: &Gaussian, factor: Option<&[f64]>, course: &Course<'_>) -> Result<()> {
@@ -180,9 +212,12 @@ impl Prediction {
             root.rows.clear();
             // Row k of U Fᵀ is F times row k of U.
             for row in factor.chunks_exact(n.max(1)) {
-                root.rows.extend((0..n).map(|i| self.sparse.row_dot(i, row)));
+                match &self.upper {
+                    Some(upper) => upper.extend_product(row, &mut root.rows),
+                    None => root.rows.extend((0..n).map(|i| self.sparse.row_dot(i, row))),
+                }
             }
-            root.finish(n, &mut self.product, cov);
+            root.finish(n, cov);
             return Ok(());
         }
         let prior = prior.cov.as_slice();
@@ -203,7 +238,7 @@ impl Prediction {
         course: &Course<'_>,
     ) -> Result<()> {
         let n = prior.dim();
-        let spread = self.spread.get_or_insert_with(|| Spread::new(n, n));
+        let spread = self.spread.get_or_insert_with(|| Spread::new(self.space, self.space));
         draw(spread, points, prior, factor)?;
         course
             .motion
@@ -222,7 +257,7 @@ impl Prediction {
             root.rows.clear();
             root.rows.extend_from_slice(&spread.slopes);
             root.rows.extend_from_slice(&spread.bends);
-            root.finish(n, &mut self.product, cov);
+            root.finish(n, cov);
         } else {
             cov.copy_from_slice(bent);
             kernel::transpose(n, &spread.slopes, &mut self.transposed);
@@ -291,9 +326,9 @@ impl From<&Prediction> for Steps {
 
 impl Root {
     /// The factor and the covariance of the rows gathered and the noise.
-    fn finish(&mut self, n: usize, sum: &mut [f64], cov: &mut [f64]) {
+    fn finish(&mut self, n: usize, cov: &mut [f64]) {
         self.rows.extend_from_slice(&self.noise);
-        triangularise(n, &mut self.rows, sum);
+        self.reflector.triangularise(n, &mut self.rows);
         self.factor.copy_from_slice(&self.rows[..n * n]);
         square(n, &self.factor, cov);
     }
@@ -310,7 +345,7 @@ pub(super) fn draw(spread: &mut Spread, rule: &SigmaPoints, prior: &Gaussian, fa
         .chunks_exact(n.max(1))
         .flat_map(|row| row.iter().rev().copied())
         .collect();
-    triangularise(n, &mut rows, &mut vec![0.0; n]);
+    Reflector::default().triangularise(n, &mut rows);
     let mut lower = vec![0.0; n * n];
     for k in 0..n {
         let row = &rows[(n - 1 - k) * n..(n - k) * n];

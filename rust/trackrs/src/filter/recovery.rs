@@ -5,6 +5,9 @@
 //! the prediction is wrong. Where single epochs cannot fix a position, the same from the first rejection on, as long as at
 //! least every second epoch is rejected.
 //!
+//! Fixes that nothing can contradict, as reported positions, must agree with one another, one more of them than the state has
+//! derivatives: three gross errors in a row are not a target.
+//!
 //! Long gap: a prediction too vague to linearise the measurement at ([`crate::model::sensor::PositionFix::vague`]) is kept
 //! as it is, and the measurements are held until together they give a start ([`super::search`]); the lasting errors of the
 //! sensor enter it as they are known. The prediction was not wrong, so the smoother's link stays: it bridges the gap from
@@ -111,7 +114,7 @@ impl<'a> Recovery<'a> {
         }
         if self.locked.is_none() {
             self.locked = filter.starter().ok().map(|search| LockOut {
-                search,
+                search: search.with_agreement(),
                 epochs: 1,
                 rejecting: 1,
             });

@@ -32,7 +32,7 @@ use super::nis_noise::entered;
 use super::noise::{EigenLimits, ProcessedEpoch};
 use crate::error::{Error, Result, require_finite, require_non_negative};
 use crate::linalg::symmetric::clip_eigenvalues;
-use crate::model::sensor::wrap_angle;
+use crate::model::sensor::residual_into;
 use crate::model::{Motion, Sensor};
 
 /// Which residuals count.
@@ -204,8 +204,8 @@ impl ResidualHistory {
         &self.r
     }
 
-    pub(super) fn step_noise(&mut self, motion: &dyn Motion, dt: f64) -> &[f64] {
-        let noise = self.noise_of(motion, dt);
+    pub(super) fn step_noise(&mut self, motion: &dyn Motion, state: &DVector<f64>, dt: f64) -> &[f64] {
+        let noise = self.noise_of(motion, state, dt);
         copy_rows(&noise, &mut self.step_noise);
         if self.rule.q.is_some() && dt > 0.0 {
             self.q = noise;
@@ -213,14 +213,14 @@ impl ResidualHistory {
         &self.step_noise
     }
 
-    fn noise_of(&self, motion: &dyn Motion, dt: f64) -> DMatrix<f64> {
+    fn noise_of(&self, motion: &dyn Motion, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
         let Some(raw) = &self.q_raw else {
-            return motion.noise(dt);
+            return motion.noise_at(state, dt);
         };
         if dt == 0.0 {
             return DMatrix::zeros(raw.nrows(), raw.ncols());
         }
-        match motion.noise_input(dt) {
+        match motion.noise_input_at(state, dt) {
             Some(input) if self.rule.q_floor > 0.0 => {
                 let d = input.cov.nrows();
                 raw + entered(&input, &(DMatrix::identity(d, d) * self.rule.q_floor))
@@ -244,10 +244,8 @@ impl ResidualHistory {
         let filtered = epoch.filtered.to_owned();
         sensor.linearise_into(&filtered.mean, epoch.platform, &mut expected, &mut jacobian)?;
         let h = DMatrix::from_row_slice(m, n, &jacobian);
-        let mut residual = DVector::from_iterator(m, epoch.measurement.iter().zip(&expected).map(|(z, y)| z - y));
-        for &i in sensor.angles() {
-            residual[i] = wrap_angle(residual[i]);
-        }
+        let mut residual = DVector::zeros(m);
+        residual_into(sensor, epoch.measurement, &expected, residual.as_mut_slice());
         if corrected.dof == m || self.rule.diagonal {
             self.of_residuals.push(residual);
             self.of_innovations

@@ -7,7 +7,7 @@ use super::search::Start;
 use super::sequence::{Filter, History};
 use crate::gaussian::{Gaussian, Gaussians};
 use crate::linalg::stack::Stack;
-use crate::model::{Motion, Sensor};
+use crate::model::{Motion, Sensor, StateSpace};
 
 /// Everything a run gives. Sequences have one element per kept time.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -45,6 +45,8 @@ pub struct FilterRun {
     pub log_likelihood: f64,
     /// First row of the run with an estimate: 0 when an initial state was given. Rows before it are NaN.
     pub start: usize,
+    /// Where the states live.
+    pub space: StateSpace,
 }
 
 impl FilterRun {
@@ -58,6 +60,7 @@ impl FilterRun {
             innovations: Stack::vectors(m),
             innovation_covs: Stack::square(m),
             leads: Gaussians::new(n),
+            space: StateSpace::euclidean(n),
             ..Self::default()
         }
     }
@@ -68,6 +71,7 @@ impl FilterRun {
         Self {
             q_hat: Stack::square(filter.adapted_dim()),
             r_hat: Stack::square(m),
+            space: filter.motion().space(),
             ..Self::new(n, m)
         }
     }

@@ -82,7 +82,8 @@ impl<'a> Runner<'a> {
         let allowance = filter
             .screen()
             .map_or(0.0, |screen| screen.allowance_for(filter.sensor()));
-        let n = state.dim();
+        let space = filter.motion().space();
+        let n = space.dim;
         let method = filter.method();
         Ok(Self {
             filter,
@@ -90,9 +91,9 @@ impl<'a> Runner<'a> {
             factor: factor_of(method.form, &state.cov)?,
             between: state.clone(),
             state,
-            prediction: Prediction::new(n, method.rule, method.form),
-            ahead: Prediction::new(n, method.rule, method.form),
-            look: Look::new(n, filter.sensor(), method)?,
+            prediction: Prediction::new(space, method.rule, method.form),
+            ahead: Prediction::new(space, method.rule, method.form),
+            look: Look::new(space, filter.sensor(), method)?,
             gain: vec![
                 0.0;
                 if memory.is_some() {
@@ -149,7 +150,7 @@ impl<'a> Runner<'a> {
     pub fn look_ahead(&mut self, lead: f64, history: History, run: &mut FilterRun) -> Result<()> {
         let motion = self.filter.motion();
         let noise = match &mut self.memory {
-            Some(memory) => Some(memory.step_noise(motion, lead)?),
+            Some(memory) => Some(memory.step_noise(motion, &self.state.mean, lead)?),
             None => None,
         };
         let course = Course {
@@ -170,8 +171,9 @@ impl<'a> Runner<'a> {
         let dt = dt / steps as f64;
         let mut earlier: Option<Steps> = None;
         for step in 0..steps {
+            let from = if step == 0 { &self.state } else { &self.prediction.state };
             let noise = match &mut self.memory {
-                Some(memory) => Some(memory.step_noise(motion, dt)?),
+                Some(memory) => Some(memory.step_noise(motion, &from.mean, dt)?),
                 None => None,
             };
             let course = Course {

@@ -1,6 +1,7 @@
 //! Looking for a start: how a filter begins without being told where.
 //!
-//! A run starts at the third of three consecutive measurements whose fixes all pass the test of their redundancy. Where the
+//! A run starts at the third of three consecutive measurements whose fixes, where they have redundancy, pass its test; how the state
+//! comes of them is in `found.rs`. Where the
 //! sensor has lasting errors ([`crate::model::sensor::Nuisance`]), which are common to the three, the state is fitted to all
 //! three together (`filter::window`), so that the covariance of position, velocity and errors is exact to first order. A
 //! test that lasting errors of an unlikely size fail, they fail again and again: with such the level is α², so that it is
@@ -11,16 +12,16 @@
 //! fit is tested by its redundancy. If it fails, the oldest group is dropped. A group holds at most [`GROUP_ROWS`].
 //! Reference: paper of Xi, Liu, Tao, Lu; spec label U12 and first-epoch condition.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
-use super::fit::{Fitted, Row, Window};
+use super::fit::Row;
+use super::found::kinematic_order;
 use super::sequence::InitialState;
-use super::start::{TimedFix, start_state};
+use super::start::TimedFix;
 use crate::error::{Error, Result};
 use crate::gaussian::Gaussian;
-use crate::model::sensor::{MIRROR_GAP, PositionFix};
+use crate::model::sensor::PositionFix;
 use crate::model::{Motion, Sensor};
-use crate::stats::chi_square;
 
 /// Fixes in a row that must pass before a run starts.
 const CONSECUTIVE: usize = 3;
@@ -28,8 +29,6 @@ const CONSECUTIVE: usize = 3;
 pub const START_ALPHA: f64 = 0.01;
 /// Measurements that are gathered for one group; the oldest make room. It bounds the work per measurement.
 pub const GROUP_ROWS: usize = 16;
-/// Two fits closer than this share of their standard deviations are one.
-const SAME: f64 = 1e-2;
 
 /// Where a run starts.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,15 +42,19 @@ pub struct Start {
 /// Looks through measurements for the first from which a run can start.
 #[derive(Clone)]
 pub struct Starter<'a> {
-    motion: &'a dyn Motion,
-    sensor: &'a dyn Sensor,
-    fixer: &'a dyn PositionFix,
-    order: usize,
-    alpha: f64,
+    pub(super) motion: &'a dyn Motion,
+    /// The motion of coordinates that add.
+    pub(super) base: &'a dyn Motion,
+    pub(super) sensor: &'a dyn Sensor,
+    pub(super) fixer: &'a dyn PositionFix,
+    pub(super) order: usize,
+    pub(super) alpha: f64,
+    /// Whether fixes that nothing can contradict must agree with one another.
+    pub(super) agreement: bool,
     /// What is known of the lasting errors, where the sensor has such.
-    prior: Option<Gaussian>,
+    pub(super) prior: Option<Gaussian>,
     /// Either all of one measurement with a fix, or all gathered; only the last may be unfinished.
-    groups: Vec<Group>,
+    pub(super) groups: Vec<Group>,
     /// The known input of measurements without any component since the last row.
     carried: Option<Carried>,
     refused: Option<Error>,
@@ -66,8 +69,8 @@ struct Carried {
 
 /// Measurements that together can fix a position.
 #[derive(Debug, Clone, Default)]
-struct Group {
-    rows: Vec<Row>,
+pub(super) struct Group {
+    pub(super) rows: Vec<Row>,
     /// The fix of a single one, tested.
     fix: Option<Gaussian>,
     complete: bool,
@@ -75,7 +78,7 @@ struct Group {
 
 impl Group {
     /// The mean of every component over the measurements that have it.
-    fn gathered(&self, components: usize) -> DVector<f64> {
+    pub(super) fn gathered(&self, components: usize) -> DVector<f64> {
         DVector::from_fn(components, |i, _| {
             let heard: Vec<f64> = self
                 .rows
@@ -96,17 +99,20 @@ impl<'a> Starter<'a> {
             return missing("must be given: the sensor alone cannot start a state");
         };
         let nuisance = sensor.nuisance();
-        let Some(order) = kinematic_order(motion, nuisance.as_ref().map_or(&[], |n| n.labels.as_slice())) else {
+        let base = motion.base().unwrap_or(motion);
+        let Some(order) = kinematic_order(base, nuisance.as_ref().map_or(&[], |n| n.labels.as_slice())) else {
             return missing("must be given: only a state of position, velocity and acceleration starts by itself");
         };
         crate::error::require_probability("alpha", alpha)?;
         let alpha = if nuisance.is_some() { alpha * alpha } else { alpha };
         Ok(Self {
             motion,
+            base,
             sensor,
             fixer,
             order,
             alpha,
+            agreement: false,
             prior: nuisance.map(|n| n.prior()),
             groups: Vec::new(),
             carried: None,
@@ -123,6 +129,23 @@ impl<'a> Starter<'a> {
             prior.cov.copy_from(&state.cov.view((n - q, n - q), (q, q)));
         }
         self
+    }
+
+    /// The same search where fixes without redundancy of their own must agree with one another, one more of them than the
+    /// state has derivatives: what a filter that has lost its target may not start from is three gross errors.
+    #[must_use]
+    pub(super) fn with_agreement(mut self) -> Self {
+        self.agreement = self.fixer.redundancy() == 0;
+        self
+    }
+
+    /// How many groups make a start.
+    fn needed(&self) -> usize {
+        if self.agreement {
+            CONSECUTIVE.max(self.order + 1)
+        } else {
+            CONSECUTIVE
+        }
     }
 
     /// The first start in these measurements, which follow those searched before. `inputs`, where given, are one vector
@@ -159,28 +182,31 @@ impl<'a> Starter<'a> {
                 self.refused.get_or_insert(error);
             }
         }
-        if self.groups.iter().filter(|group| group.complete).count() < CONSECUTIVE {
+        let needed = self.needed();
+        if self.groups.iter().filter(|group| group.complete).count() < needed {
             return Ok(None);
         }
         let rows = || self.groups.iter().flat_map(|group| &group.rows);
         let pushed = self.prior.is_some() || rows().skip(1).any(Row::is_pushed);
-        let fixes: Option<Vec<TimedFix>> = self.groups[CONSECUTIVE - self.order..]
+        let fixes: Option<Vec<TimedFix>> = self
+            .groups
             .iter()
             .map(|group| {
                 let (time, position) = (group.rows.last()?.time, group.fix.clone()?);
                 Some(TimedFix { time, position })
             })
             .collect();
-        match fixes {
-            Some(fixes) if !pushed => start_state(&fixes, self.order, Some(self.motion)).map(Some),
-            _ => match self.fit() {
-                Ok(state) => Ok(Some(InitialState { time, state })),
-                Err(error) => {
-                    self.groups.remove(0);
-                    self.refused.get_or_insert(error);
-                    Ok(None)
-                }
-            },
+        let found = match fixes {
+            Some(fixes) if !pushed => self.through(&fixes),
+            _ => self.fit().map(|state| InitialState { time, state }),
+        };
+        match found {
+            Ok(initial) => Ok(Some(initial)),
+            Err(error) => {
+                self.groups.remove(0);
+                self.refused.get_or_insert(error);
+                Ok(None)
+            }
         }
     }
 
@@ -225,10 +251,10 @@ impl<'a> Starter<'a> {
         if let Err(error) = self.tested(measurement) {
             self.refused.get_or_insert(error);
         }
-        if self.groups.iter().any(|group| group.fix.is_some()) {
+        if self.groups.iter().any(|group| group.fix.is_some()) || !self.fixer.gathers() {
             self.groups.clear();
         }
-        if measurement.iter().all(|v| v.is_nan()) {
+        if !self.fixer.gathers() || measurement.iter().all(|v| v.is_nan()) {
             return Ok(());
         }
         if self.groups.last().is_none_or(|group| group.complete) {
@@ -244,69 +270,6 @@ impl<'a> Starter<'a> {
         Ok(())
     }
 
-    /// The state fitted to all groups, tested.
-    fn fit(&self) -> Result<Gaussian> {
-        let nothing = Gaussian {
-            mean: DVector::zeros(0),
-            cov: DMatrix::zeros(0, 0),
-        };
-        let rows: Vec<&Row> = self.groups.iter().flat_map(|group| &group.rows).collect();
-        let latest = self.groups.last().cloned().unwrap_or_default();
-        let gathered = latest.gathered(self.sensor.measurement_dim());
-        let window = Window::new(rows, self.motion, self.sensor, self.prior.as_ref().unwrap_or(&nothing))?;
-        let mut fits: Vec<Fitted> = Vec::new();
-        let mut failure = None;
-        for position in self.fixer.candidates(&gathered)? {
-            match window.fit_from(&position) {
-                Ok(new) => {
-                    let known = |old: &Fitted| {
-                        let difference = &old.state.mean - &new.state.mean;
-                        difference.dot(&(&old.information * &difference)) < SAME * SAME
-                    };
-                    if !fits.iter().any(known) {
-                        fits.push(new);
-                    }
-                }
-                Err(error) => failure = Some(error),
-            }
-        }
-        fits.sort_by(|a, b| a.statistic.total_cmp(&b.statistic));
-        let mut fits = fits.into_iter();
-        let Some(mut chosen) = fits.next() else {
-            return Err(failure.unwrap_or_else(|| self.failure()));
-        };
-        if let Some(rival) = fits.next().filter(|fit| fit.statistic - chosen.statistic < MIRROR_GAP) {
-            let d = self.motion.position_dims();
-            let (first, second) = (chosen.state.leading(d).mean, rival.state.leading(d).mean);
-            if !self.fixer.takes_first(&gathered, &first, &second)? {
-                chosen = rival;
-            }
-        }
-        if chosen.dof > 0 {
-            self.require_likely(chi_square::survival(chosen.statistic, chosen.dof))?;
-        }
-        Ok(chosen.state)
-    }
-
-    fn require_likely(&self, p_value: f64) -> Result<()> {
-        if p_value >= self.alpha {
-            return Ok(());
-        }
-        let requirement = format!("must be at least {} to start from this fix", self.alpha);
-        Err(Error::invalid("p_value of the fix", p_value, &requirement))
-    }
-
-    /// A fix that passed its test. Where the sensor has redundancy, a fix without any is not good enough.
-    fn tested(&self, measurement: &DVector<f64>) -> Result<Gaussian> {
-        let fix = self.fixer.fix(measurement)?;
-        if fix.dof == 0 && self.fixer.redundancy() > 0 {
-            let reason = "too few components to test the fix";
-            return Err(Error::invalid("measurement", "incomplete", reason));
-        }
-        self.require_likely(fix.p_value)?;
-        Ok(fix.position)
-    }
-
     /// The error of a search that found nothing.
     pub fn failure(&self) -> Error {
         let first = self
@@ -314,7 +277,7 @@ impl<'a> Starter<'a> {
             .as_ref()
             .map_or(String::new(), |e| format!("; first refusal: {e}"));
         Error::Unobservable {
-            sensor: "the array".into(),
+            sensor: self.fixer.name().into(),
             reason: format!(
                 "no {CONSECUTIVE} consecutive measurements, or groups of them, gave position fixes that pass their test (alpha = {}){first}",
                 self.alpha
@@ -323,24 +286,14 @@ impl<'a> Starter<'a> {
     }
 }
 
-/// How many derivatives a state of blocks `x y z vx vy vz ax ay az` holds, with these labels behind it; None for another
-/// kind of state.
-fn kinematic_order(motion: &dyn Motion, behind: &[String]) -> Option<usize> {
-    let d = motion.position_dims();
-    let labels = motion.labels();
-    let labels = labels.strip_suffix(behind)?;
-    let order = labels.len().checked_div(d)?;
-    let fits = |(i, label): (usize, &String)| *label == format!("{}{}", ["", "v", "a"][i / d], labels[i % d]);
-    let kinematic = (1..=3).contains(&order) && labels.len() == order * d && labels.iter().enumerate().all(fits);
-    kinematic.then_some(order)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::filter::start::start_state;
     use crate::model::motion::{ConstantAcceleration, KinematicNoise};
     use crate::model::sensor::{RangeArray, RangeArraySettings};
     use approx::assert_relative_eq;
+    use nalgebra::DMatrix;
 
     fn array() -> RangeArray {
         RangeArray::new(RangeArraySettings {

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::adaptation::{Adaptation, NoiseRule};
+use super::complete::flatten;
 use super::extended::{Method, Rule};
 use super::lead::Lead;
 use super::prediction::{Course, Prediction};
@@ -20,7 +21,7 @@ use super::square_root::{Form, factor_of};
 use super::{extended, kalman};
 use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::gaussian::Gaussian;
-use crate::model::motion::Augmented;
+use crate::model::motion::{Augmented, RigidBody};
 use crate::model::sensor::check_platform;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
@@ -74,8 +75,10 @@ pub struct Filter {
 
 impl Filter {
     /// The extended Kalman filter of these models. The lasting errors of a sensor that has such are estimated with the
-    /// target: they stand behind the state of the motion.
+    /// target: they stand behind the state of the motion. Where the sensor needs a rotation vector in the state, the motion
+    /// becomes that of a [`RigidBody`].
     pub fn extended(motion: MotionModel, sensor: SensorModel) -> Result<Self> {
+        let motion = RigidBody::if_needed(motion, sensor.attitude())?;
         sensor.check(&motion)?;
         let motion = match sensor.nuisance() {
             Some(nuisance) => MotionModel::Augmented(Box::new(Augmented::new(motion, nuisance))),
@@ -249,7 +252,7 @@ impl Filter {
         }
         self.require_states("input", input)?;
         let input = input.map(|input| self.complete_input(input));
-        let mut prediction = Prediction::new(state.dim(), self.method.rule, self.method.form);
+        let mut prediction = Prediction::new(self.motion.space(), self.method.rule, self.method.form);
         let mut factor = factor_of(self.method.form, &state.cov)?;
         let mut state = state.clone();
         for step in 0..self.steps {
@@ -276,7 +279,8 @@ impl Filter {
         require_size("state", self.motion.state_dim(), state.dim())?;
         check_platform(&self.sensor, platform)?;
         self.require_possible(measurement.as_slice(), &"")?;
-        extended::update(state, &self.sensor, measurement, platform, self.method)
+        let space = self.motion.space();
+        extended::update_in(space, state, &self.sensor, measurement, platform, self.method)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
@@ -336,13 +340,6 @@ impl Filter {
         Ok(run)
     }
 
-    /// Inputs with or without the lasting errors of the sensor, one after the other.
-    fn flatten_inputs(&self, rows: &[DVector<f64>]) -> Result<Vec<f64>> {
-        self.require_states("input", rows)?;
-        let complete: Vec<_> = rows.iter().map(|row| self.complete_input(row)).collect();
-        flatten("input", &complete, self.motion.state_dim())
-    }
-
     /// The search for the start of a run; an error if the models cannot start one.
     pub fn starter(&self) -> Result<Starter<'_>> {
         Starter::new(&self.motion, &self.sensor, START_ALPHA)
@@ -397,14 +394,4 @@ impl Filter {
         }
         Ok(())
     }
-}
-
-/// Vectors of one length, one after the other.
-fn flatten(name: &str, rows: &[DVector<f64>], width: usize) -> Result<Vec<f64>> {
-    let mut flat = Vec::with_capacity(rows.len() * width);
-    for row in rows {
-        require_size(name, width, row.len())?;
-        flat.extend_from_slice(row.as_slice());
-    }
-    Ok(flat)
 }

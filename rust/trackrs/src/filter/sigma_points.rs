@@ -17,7 +17,9 @@
 //! This is the sum over the points with their usual weights, put in an order without cancellation: for a linear function
 //! B = 0 to rounding and F̃ is its matrix. Statistical linearisation is then F̃ and the noise Q + Bᵀ B, and everything that
 //! works on matrices (screen, noise estimators, smoother) works on these.
-//! Angles are compared with y₀ on the circle, so that their mean is one too.
+//! Angles are compared with y₀ on the circle, so that their mean is one too. Attitudes ([`StateSpace`]) are drawn by retract, and
+//! of images they are the turns from their mean m: m ← m exp(mean of log((exp m)⁻¹ exp y)) from m = y₀ on, until it moves by less
+//! than [`MEAN_STEP`]; Q stands for an error about f(x), which is as good to second order.
 //! Points: unscented (κ > −n; κ = 0 by default, with no negative weight), scaled, and cubature, which is κ = 0.
 //!
 //! Reference: Julier, Uhlmann (2004), Unscented filtering and nonlinear estimation, Proc. IEEE 92(3); Arasaratnam, Haykin
@@ -25,10 +27,19 @@
 //! best. Spec labels H3–H13.
 //! Deviation: a singular P is accepted; directions without variance have no points of their own.
 
+use nalgebra::Vector3;
+
+use super::chart::attitude_of;
 use super::square_root::{lower_cholesky, solve_transposed};
 use crate::error::{Error, Result, require_positive};
 use crate::linalg::kernel;
+use crate::model::StateSpace;
+use crate::model::rotation::Rotation;
 use crate::model::sensor::wrap_angle;
+
+/// A mean attitude that moves by less than this, radians, is the mean.
+pub const MEAN_STEP: f64 = 1e-12;
+const MEAN_TURNS: usize = 20;
 
 /// How the points of a state are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,6 +135,10 @@ struct Weights {
 pub(super) struct Spread {
     n: usize,
     pub(super) width: usize,
+    /// Where the points have an attitude, and where their images do.
+    attitude: Option<usize>,
+    image_attitude: Option<usize>,
+    turns: Vec<Rotation>,
     /// Lᵀ row by row.
     steps: Vec<f64>,
     lower: Vec<f64>,
@@ -139,10 +154,14 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    pub(super) fn new(n: usize, width: usize) -> Self {
+    pub(super) fn new(space: StateSpace, images: StateSpace) -> Self {
+        let (n, width) = (space.dim, images.dim);
         Self {
             n,
             width,
+            attitude: space.attitude,
+            image_attitude: images.attitude,
+            turns: Vec::new(),
             steps: vec![0.0; n * n],
             lower: vec![0.0; n * n],
             points: vec![0.0; (2 * n + 1) * n],
@@ -183,6 +202,51 @@ impl Spread {
                 kernel::add_scaled(point, sign, &self.steps[j * n..(j + 1) * n]);
             }
         }
+        if let Some(at) = self.attitude {
+            self.place_attitudes(root, mean, at);
+        }
+    }
+
+    fn place_attitudes(&mut self, root: f64, mean: &[f64], at: usize) {
+        let n = self.n;
+        let centre = Rotation::from_vector(&attitude_of(mean, at));
+        let (_, others) = self.points.split_at_mut(n);
+        let (plus, minus) = others.split_at_mut(n * n);
+        let pairs = plus.chunks_exact_mut(n).zip(minus.chunks_exact_mut(n));
+        for ((ahead, behind), step) in pairs.zip(self.steps.chunks_exact(n)) {
+            let step = attitude_of(step, at);
+            // L is lower: most columns do not turn anything.
+            if step.iter().all(|&x| x == 0.0) {
+                continue;
+            }
+            let turn = Rotation::from_vector(&(step * root));
+            ahead[at..at + 3].copy_from_slice((centre * turn).vector().as_slice());
+            behind[at..at + 3].copy_from_slice((centre * turn.inverse()).vector().as_slice());
+        }
+    }
+
+    /// Makes the attitudes of the images turns from their mean, which it returns.
+    fn turns_from_mean(&mut self, w: f64, at: usize) -> Rotation {
+        let width = self.width;
+        self.turns.clear();
+        let attitudes = self.images.chunks_exact(width).map(|image| attitude_of(image, at));
+        self.turns.extend(attitudes.map(|v| Rotation::from_vector(&v)));
+        let mut mean = self.turns.first().copied().unwrap_or(Rotation::identity());
+        let rest = 1.0 - 2.0 * w * self.n as f64;
+        for _ in 0..MEAN_TURNS {
+            let back = mean.inverse();
+            let mut step = Vector3::zeros();
+            for (i, (turn, image)) in self.turns.iter().zip(self.images.chunks_exact_mut(width)).enumerate() {
+                let vector = (back * *turn).vector();
+                image[at..at + 3].copy_from_slice(vector.as_slice());
+                step += vector * if i == 0 { rest } else { w };
+            }
+            if step.norm() < MEAN_STEP {
+                break;
+            }
+            mean = mean * Rotation::from_vector(&step);
+        }
+        mean
     }
 
     /// Lᵀ, row by row.
@@ -194,6 +258,7 @@ impl Spread {
     pub(super) fn summarise(&mut self, rule: &SigmaPoints, angles: &[usize]) {
         let (n, width) = (self.n, self.width);
         let Weights { spread, w, mean_bend } = rule.weights(n);
+        let turned = self.image_attitude.map(|at| (at, self.turns_from_mean(w, at)));
         let (centre, others) = self.images.split_at_mut(width);
         for image in others.chunks_exact_mut(width.max(1)) {
             for (y, y0) in image.iter_mut().zip(centre.iter()) {
@@ -220,6 +285,10 @@ impl Spread {
         kernel::add_scaled(&mut self.mean, w, last);
         for &i in angles {
             self.mean[i] = wrap_angle(self.mean[i]);
+        }
+        if let Some((at, mean)) = turned {
+            let rest = Rotation::from_vector(&attitude_of(&self.mean, at));
+            self.mean[at..at + 3].copy_from_slice((mean * rest).vector().as_slice());
         }
         let root = (0.5 * w).sqrt();
         let mean_of = 1.0 / n.max(1) as f64;

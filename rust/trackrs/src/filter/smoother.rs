@@ -36,12 +36,15 @@ use super::run::FilterRun;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
 use crate::linalg::stack::Stack;
+use crate::model::StateSpace;
 
 /// What the smoother needs of one epoch of a filter.
 #[derive(Debug, Clone, Copy)]
 pub struct Epoch<'a> {
     /// Its number in the run, which errors name.
     pub step: usize,
+    /// Where the states live.
+    pub space: StateSpace,
     /// The estimate after the measurement.
     pub filtered: GaussianRef<'a>,
     /// The estimate before it.
@@ -75,6 +78,7 @@ impl FilterRun {
         Ok((self.start.min(count)..count)
             .map(|step| Epoch {
                 step,
+                space: self.space,
                 filtered: self.filtered.view(step),
                 predicted: predicted(step),
                 transition: self.transitions.at(step),
@@ -257,7 +261,7 @@ impl Backward {
     }
 
     fn step(&mut self, link: &Link) {
-        link.lag_one(self.now.cov.as_slice(), &mut self.lag_one);
+        link.lag_one((&self.now).into(), &mut self.lag_one);
         self.run.lag_one.push(&self.lag_one);
         self.run.states.push(&self.now);
         self.move_to(link);
@@ -286,7 +290,7 @@ fn link(before: GaussianRef<'_>, after: &Epoch<'_>, scratch: &mut LinkScratch) -
             n,
         ));
     }
-    let mut link = Link::new(n);
+    let mut link = Link::new(after.space);
     let step = Step {
         number: after.step,
         predicted: after.predicted,
@@ -298,7 +302,7 @@ fn link(before: GaussianRef<'_>, after: &Epoch<'_>, scratch: &mut LinkScratch) -
 }
 
 fn check(epoch: &Epoch<'_>) -> Result<()> {
-    let n = epoch.filtered.dim();
+    let n = epoch.space.dim;
     let name = |what: &str| format!("{what} at step {}", epoch.step);
     for (what, values, size) in [
         ("predicted mean", epoch.predicted.mean, n),

@@ -17,7 +17,7 @@
 use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
-use crate::linalg::kernel;
+use crate::linalg::kernel::{self, known, sized};
 
 /// How a covariance is carried from epoch to epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -75,55 +75,68 @@ pub(super) fn lower_root(n: usize, a: &[f64], work: &mut [f64], out: &mut [f64],
     Ok(())
 }
 
-/// Turns the rows of `a` (at least n of length n) so that the first n are lower triangular and the rest zero; the product
-/// Aᵀ A stays.
-pub(super) fn triangularise(n: usize, a: &mut [f64], sum: &mut [f64]) {
-    let rows = a.len().checked_div(n).unwrap_or(0);
-    for j in (0..n).rev() {
-        let others = || (0..j).chain(n..rows);
-        let largest = others().fold(0.0_f64, |max, i| max.max(a[i * n + j].abs()));
-        if largest == 0.0 {
-            continue;
-        }
-        let largest = largest.max(a[j * n + j].abs());
-        let squares = others().chain([j]).fold(0.0, |sum, i| {
-            let x = a[i * n + j] / largest;
-            sum + x * x
-        });
-        let norm = largest * squares.sqrt();
-        let pivot = a[j * n + j];
-        let lead = pivot + if pivot < 0.0 { -norm } else { norm };
-        let sum = &mut sum[..j];
-        sum.copy_from_slice(&a[j * n..j * n + j]);
-        // The reflection is v = (1, a_i/lead): scaled so that nothing overflows.
-        for i in others() {
-            let v = a[i * n + j] / lead;
-            if v != 0.0 {
-                kernel::add_scaled(sum, v, &a[i * n..i * n + j]);
+/// Reflects rows into a triangle. Its memory serves one triangle after another.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Reflector {
+    /// Σ v_i a_i.
+    sum: Vec<f64>,
+    /// Row and value of what is to vanish from a column: of sparse rows little.
+    column: Vec<(usize, f64)>,
+}
+
+impl Reflector {
+    /// Turns the rows of `a` (at least n of length n) so that the first n are lower triangular and the rest zero; the
+    /// product Aᵀ A stays.
+    pub(super) fn triangularise(&mut self, n: usize, a: &mut [f64]) {
+        let Self { sum, column } = self;
+        sum.resize(n, 0.0);
+        for j in (0..n).rev() {
+            column.clear();
+            let mut largest = 0.0_f64;
+            for (i, row) in a.chunks_exact(n).enumerate() {
+                let value = row[j];
+                if value != 0.0 && (i < j || i >= n) {
+                    largest = largest.max(value.abs());
+                    column.push((i, value));
+                }
             }
-        }
-        let factor = lead.abs() / norm;
-        kernel::add_scaled(&mut a[j * n..j * n + j], -factor, sum);
-        for i in others() {
-            let v = a[i * n + j] / lead;
-            if v != 0.0 {
+            if column.is_empty() {
+                continue;
+            }
+            let pivot = a[j * n + j];
+            let largest = largest.max(pivot.abs());
+            let square = |x: f64| (x / largest) * (x / largest);
+            let squares = column.iter().fold(square(pivot), |sum, &(_, x)| sum + square(x));
+            let norm = largest * squares.sqrt();
+            let lead = pivot + if pivot < 0.0 { -norm } else { norm };
+            let sum = &mut sum[..j];
+            sum.copy_from_slice(&a[j * n..j * n + j]);
+            // The reflection is v = (1, a_i/lead): scaled so that nothing overflows.
+            for (i, value) in column.iter_mut() {
+                *value /= lead;
+                kernel::add_scaled(sum, *value, &a[*i * n..*i * n + j]);
+            }
+            let factor = lead.abs() / norm;
+            kernel::add_scaled(&mut a[j * n..j * n + j], -factor, sum);
+            for &(i, v) in column.iter() {
                 kernel::add_scaled(&mut a[i * n..i * n + j], -factor * v, sum);
                 a[i * n + j] = 0.0;
             }
+            a[j * n + j] = if pivot < 0.0 { norm } else { -norm };
         }
-        a[j * n + j] = if pivot < 0.0 { norm } else { -norm };
     }
 }
 
 /// `out` = Uᵀ U, symmetric bit for bit.
 pub(super) fn square(n: usize, factor: &[f64], out: &mut [f64]) {
-    out[..n * n].fill(0.0);
-    for row in factor.chunks_exact(n.max(1)).take(n) {
-        for (i, &x) in row.iter().enumerate() {
-            if x != 0.0 {
-                kernel::add_scaled(&mut out[i * n..=i * n + i], x, &row[..=i]);
-            }
-        }
+    sized!(square_of(n, factor, out));
+}
+
+fn square_of<const N: usize>(n: usize, factor: &[f64], out: &mut [f64]) {
+    let n = known::<N>(n);
+    for (i, row) in out.chunks_exact_mut(n.max(1)).enumerate() {
+        let terms = factor.chunks_exact(n.max(1)).map(|other| (other[i], other));
+        kernel::combine::<N>(None, terms.filter(|&(x, _)| x != 0.0), row);
     }
     kernel::mirror(n, out);
 }
@@ -151,7 +164,13 @@ impl Array<'_> {
                     continue;
                 }
                 let w = self.weights[c * m + c];
-                let norm = w.hypot(x);
+                let square = w * w + x * x;
+                // The root of a square that neither overflows nor loses digits is that of `hypot`, in a third of the time.
+                let norm = if (1e-280..1e280).contains(&square) {
+                    square.sqrt()
+                } else {
+                    libm::hypot(w, x)
+                };
                 let (cosine, sine) = (w / norm, x / norm);
                 let end = if lower { i + 1 } else { n };
                 turn(
@@ -250,7 +269,7 @@ mod tests {
                 }
             }
             let before = DMatrix::from_row_slice(rows, n, &a);
-            triangularise(n, &mut a, &mut vec![0.0; n]);
+            Reflector::default().triangularise(n, &mut a);
             let after = DMatrix::from_row_slice(rows, n, &a);
             assert!((before.transpose() * before - after.transpose() * &after).amax() < 1e-11 * 1e3);
             for i in 0..rows {

@@ -11,18 +11,24 @@
 //! P = (V⁻¹ ⊗ I) blkdiag(C_1, …, C_r) (V⁻¹ ⊗ I)ᵀ: position, velocity and acceleration are strongly correlated.
 //!
 //! With a motion model, the noise between the fixes is added: p_i = v_i (x − w_i) + e_i with v_i row i of V ⊗ I, so that
-//! E[v_i w_i (v_j w_j)ᵀ] = v_i W_j v_jᵀ for i ≤ j joins the covariance of the fixes. Without one it is U12 as it stands.
+//! E[v_i w_i (v_j w_j)ᵀ] = v_i W_j v_jᵀ for i ≤ j joins the covariance of the fixes. Without one it is U12 as it stands. Of a
+//! motion whose accelerations fade v_i are the first rows of F(t_i − t_r).
+//!
+//! Fixes with angles or an attitude (`local_fixes`) are counted from the last one, where these are small and add.
 //!
 //! Reference: paper of Xi, Liu, Tao, Lu, initial values; spec label U12.
 //! Deviation: the paper takes the velocity of the first interval and a block-diagonal covariance.
 
 use nalgebra::{DMatrix, DVector};
 
+use super::chart::{Chart, attitude_of};
 use super::sequence::InitialState;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
 use crate::linalg::symmetric::symmetrise;
 use crate::model::Motion;
+use crate::model::rotation::vector_between;
+use crate::model::sensor::wrap_angle;
 
 /// A position at a time.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,10 +60,16 @@ pub fn start_state(fixes: &[TimedFix], order: usize, motion: Option<&dyn Motion>
         cov.view_mut((i * d, i * d), (d, d)).copy_from(&fix.position.cov);
     }
     let identity = DMatrix::<f64>::identity(d, d);
+    let polynomial = vandermonde.kronecker(&identity);
+    let mut solve = inverse.kronecker(&identity);
     if let Some(motion) = motion {
-        add_noise(&mut cov, &times, &vandermonde.kronecker(&identity), motion);
+        let rows = rows_of(motion, &times, d);
+        if rows != polynomial {
+            let undetermined = || Error::invalid("times of the fixes", "given", "must lie farther apart");
+            solve = rows.clone().try_inverse().ok_or_else(undetermined)?;
+        }
+        add_noise(&mut cov, &times, &rows, motion);
     }
-    let solve = inverse.kronecker(&identity);
     let mean = &solve * stacked;
     let mut cov = &solve * cov * solve.transpose();
     symmetrise(&mut cov);
@@ -65,6 +77,27 @@ pub fn start_state(fixes: &[TimedFix], order: usize, motion: Option<&dyn Motion>
         time: last,
         state: Gaussian { mean, cov },
     })
+}
+
+/// These fixes in coordinates that add, as angles (`angles`) and attitudes (`attitude`) do not: angles the shorter way from
+/// those of the last fix, attitudes as turns φ_i = log((exp θ_r)⁻¹ exp θ_i) with the covariance J_r⁻¹(φ_i) C_i J_r⁻ᵀ(φ_i).
+pub(super) fn local_fixes(fixes: &[TimedFix], angles: &[usize], attitude: Option<usize>) -> Vec<TimedFix> {
+    let mut local = fixes.to_vec();
+    let Some(last) = fixes.last().map(|fix| &fix.position.mean) else {
+        return local;
+    };
+    for fix in &mut local {
+        let Gaussian { mean, cov } = &mut fix.position;
+        for &i in angles {
+            mean[i] = last[i] + wrap_angle(mean[i] - last[i]);
+        }
+        if let Some(at) = attitude {
+            let turn = vector_between(&attitude_of(last.as_slice(), at), &attitude_of(mean.as_slice(), at));
+            mean.fixed_rows_mut::<3>(at).copy_from(&turn);
+            Chart::back(at, &turn).both(last.len(), cov.as_mut_slice());
+        }
+    }
+    local
 }
 
 /// The dimension d of the fixes.
@@ -91,6 +124,19 @@ fn check(fixes: &[TimedFix], order: usize, motion: Option<&dyn Motion>) -> Resul
         }
     }
     Ok(d)
+}
+
+/// The positions at these times of a state at the last of them.
+fn rows_of(motion: &dyn Motion, times: &[f64], d: usize) -> DMatrix<f64> {
+    let n = motion.state_dim();
+    let origin = DVector::zeros(n);
+    let last = times.last().copied().unwrap_or_default();
+    let mut rows = DMatrix::zeros(times.len() * d, n);
+    for (i, time) in times.iter().enumerate() {
+        let back = motion.jacobian(&origin, time - last);
+        rows.rows_mut(i * d, d).copy_from(&back.rows(0, d));
+    }
+    rows
 }
 
 fn add_noise(cov: &mut DMatrix<f64>, times: &[f64], rows: &DMatrix<f64>, motion: &dyn Motion) {

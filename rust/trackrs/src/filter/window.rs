@@ -10,7 +10,8 @@ use super::noise::{Entry, LimitedMemoryNoise, NoiseEstimate, NoiseMethod, Proces
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::kernel::{self, known, sized};
-use crate::model::{Sensor, sensor};
+use crate::model::sensor::residual_into;
+use crate::model::{Sensor, StateSpace};
 
 /// What is kept of an epoch.
 #[derive(Debug, Clone)]
@@ -26,9 +27,9 @@ pub(super) struct Remembered {
 }
 
 impl Remembered {
-    pub(super) fn new(n: usize, m: usize) -> Self {
+    pub(super) fn new(space: StateSpace, m: usize) -> Self {
         Self {
-            link: Link::new(n),
+            link: Link::new(space),
             projection: Vec::new(),
             remainder: Vec::new(),
             repeat: 1,
@@ -197,6 +198,7 @@ pub(super) struct Walk {
     noise: Vec<f64>,
     spread: Vec<f64>,
     expected: Vec<f64>,
+    predicted: Vec<f64>,
     jacobian: Vec<f64>,
     seen: Vec<f64>,
 }
@@ -215,6 +217,7 @@ impl Walk {
             noise: Vec::new(),
             spread: Vec::new(),
             expected: Vec::new(),
+            predicted: Vec::new(),
             jacobian: Vec::new(),
             seen: Vec::new(),
         }
@@ -265,13 +268,22 @@ impl Walk {
         {
             *o = x - predicted;
         }
+        // The covariance is that of an error about x⁻ too.
+        let counted = epoch
+            .link
+            .settle(self.now.mean.as_slice(), &mut self.offset)
+            .map(|chart| {
+                let mut cov = self.now.cov.clone();
+                chart.both(n, cov.as_mut_slice());
+                cov
+            });
         self.noise.clear();
         self.noise
             .extend(z.chunks_exact(n).map(|row| kernel::dot(row, &self.offset)));
         let em = method == NoiseMethod::Em;
         if em {
             self.spread.resize(size * n, 0.0);
-            let (cov, spread) = (self.now.cov.as_slice(), &mut self.spread);
+            let (cov, spread) = (counted.as_ref().unwrap_or(&self.now.cov).as_slice(), &mut self.spread);
             sized!(product(n, z, cov, spread));
         }
         let share = 1.0 / epoch.repeat as f64;
@@ -307,12 +319,8 @@ impl Walk {
         self.expected.resize(m, 0.0);
         let e = &mut self.expected;
         sensor.linearise_into(&self.now.mean, epoch.platform.as_ref(), e, &mut self.jacobian)?;
-        for (e, z) in e.iter_mut().zip(&epoch.measurement) {
-            *e = z - *e;
-        }
-        for &i in sensor.angles() {
-            e[i] = sensor::wrap_angle(e[i]);
-        }
+        self.predicted.clone_from(e);
+        residual_into(sensor, &epoch.measurement, &self.predicted, e);
         let em = method == NoiseMethod::Em;
         if em {
             let (a, cov, seen) = (&self.jacobian, self.now.cov.as_slice(), &mut self.seen);

@@ -18,6 +18,7 @@ macro_rules! sized {
             4 => $kernel::<4>(4 $(, $argument)*),
             6 => $kernel::<6>(6 $(, $argument)*),
             9 => $kernel::<9>(9 $(, $argument)*),
+            18 => $kernel::<18>(18 $(, $argument)*),
             n => $kernel::<0>(n $(, $argument)*),
         }
     };

@@ -111,6 +111,17 @@ impl UnitUpper {
         Some(Self { above })
     }
 
+    /// Puts A times a vector at the end of `out`.
+    #[inline(always)]
+    pub(crate) fn extend_product(&self, vector: &[f64], out: &mut Vec<f64>) {
+        let from = out.len();
+        out.extend_from_slice(vector);
+        let row = &mut out[from..];
+        for &(i, k, factor) in &self.above {
+            row[i] += factor * vector[k];
+        }
+    }
+
     /// `out` = A B Aᵀ + C of n×n matrices, B and C symmetric: the rows of A B first, from the top down, then the columns,
     /// from the left to the right, all where they stand.
     #[inline(always)]

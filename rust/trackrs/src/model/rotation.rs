@@ -241,7 +241,8 @@ pub fn right_jacobian_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
 
 /// The rotation vector of a recorded quaternion; NaN, not observed, if one of its numbers is.
 pub fn reported_vector(quaternion: [f64; 4], what: &str) -> Result<Vector3<f64>> {
-    if quaternion.iter().any(|c| c.is_nan()) {
+    let infinite = quaternion.iter().any(|c| c.is_infinite());
+    if !infinite && quaternion.iter().any(|c| c.is_nan()) {
         return Ok(Vector3::repeat(f64::NAN));
     }
     Ok(Rotation::from_quaternion(quaternion, what)?.vector())

@@ -16,7 +16,7 @@ use nalgebra::{DVector, Vector3};
 use super::rotation::{Rotation, vector_between};
 
 /// The space of a state of `dim` numbers; those at `attitude`, `attitude + 1` and `attitude + 2` are a rotation vector.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StateSpace {
     /// Length n of the state, and of a change of it.
     pub dim: usize,

@@ -6,13 +6,13 @@
 //!
 //! | from → to           | length              | meaning                                                    |
 //! |---------------------|---------------------|------------------------------------------------------------|
-//! | row i → column j    | C[i,j] − u[i] − v[j] | i takes j; the row that had j goes on, or else out goes on |
-//! | row i → out         | μ[i] − u[i]         | i stays unassigned                                         |
-//! | out → column j      | −v[j]               | j stays unassigned; the row that had j goes on             |
+//! | row i → column j    | C_ij − u_i − v_j | i takes j; the row that had j goes on, or else out goes on |
+//! | row i → out         | μ_i − u_i         | i stays unassigned                                         |
+//! | out → column j      | −v_j               | j stays unassigned; the row that had j goes on             |
 //! | out → row i         | 0                   | i, unassigned so far, goes on                              |
 //!
 //! 1. Shortest path from row r to column c, or to out if r had none (Dijkstra); distances d, length D.
-//! 2. u[i] += (D − d[i])⁺ − (D − d[out])⁺, v[j] −= (D − d[j])⁺ − (D − d[out])⁺ for the rows and columns that are not fixed.
+//! 2. u_i += (D − d_i)⁺ − (D − d_out)⁺, v_j −= (D − d_j)⁺ − (D − d_out)⁺ for the rows and columns that are not fixed.
 //!    So the dual of out stays 0.
 //! 3. The rows along the path take what the path says.
 
@@ -153,10 +153,9 @@ impl<'a> Table<'a> {
         for index in row..node.row_column.len() {
             node.row_duals[index] += passed(search.row_distance[index]) - of_out;
         }
-        for column in 0..self.columns {
-            if !fixed[column] {
-                node.column_duals[column] -= passed(search.distance[column]) - of_out;
-            }
+        let columns = node.column_duals.iter_mut().zip(&search.distance).zip(&fixed);
+        for ((dual, &distance), _) in columns.filter(|(_, fixed)| !**fixed) {
+            *dual -= passed(distance) - of_out;
         }
         self.swap(&mut node, (row, target), &search);
         node.cost = self.cost(&node.row_column);

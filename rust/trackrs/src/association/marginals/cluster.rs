@@ -88,7 +88,7 @@ impl Cluster {
     /// `sharers[report]` is the number of tracks that gate it; `local` is scratch space of one number per report.
     pub(super) fn new(weights: &Weights, tracks: Vec<usize>, sharers: &[u32], local: &mut [usize]) -> Self {
         let mut reports = 0;
-        let mut links = Vec::new();
+        let mut links = Vec::with_capacity(tracks.iter().map(|&track| weights.candidates(track).len()).sum());
         let mut own = Vec::with_capacity(tracks.len());
         let mut log_scale = 0.0;
         let mut misses = Vec::with_capacity(tracks.len());
@@ -164,7 +164,9 @@ impl Cluster {
             barred += 2.0 * cost.abs();
         }
         let can_miss = misses.iter().map(|&cost| cost < f64::INFINITY).collect();
-        misses.iter_mut().for_each(|cost| *cost = cost.min(barred));
+        for cost in &mut misses {
+            *cost = cost.min(barred);
+        }
         Costs {
             pairs,
             misses,

@@ -5,8 +5,9 @@
 //! states for a frontier of w bits. Either side may be scanned: with T tracks and M reports, everything gated, the
 //! frontier has min(T, M) bits, in a chain two or three.
 //!
-//! Order: from an item at the edge of the cluster (two breadth-first searches find one) always the item that leaves the
-//! smallest frontier, among those that touch it. Every member takes the lowest free bit.
+//! Order: as the items come, if that needs three bits at most or everything is gated. Else from an item at the edge of
+//! the cluster (two breadth-first searches find one) always the item that leaves the smallest frontier, among those that
+//! touch it. Every member takes the lowest free bit.
 //!
 //! References: L. Svensson, D. Svensson, M. Guerriero, P. Willett, Set JPDA filter for multitarget tracking, IEEE Trans.
 //! Signal Process. 59(10), 2011, §II for the joint events; H. L. Bodlaender, A tourist guide through treewidth, Acta
@@ -15,7 +16,7 @@
 use super::cluster::Cluster;
 
 /// Layers have at most this many bits.
-const WIDEST: usize = 40;
+const WIDEST: usize = 30;
 
 /// What one item of the scan does.
 #[derive(Debug)]
@@ -46,7 +47,7 @@ pub(super) struct Leave {
 }
 
 /// The scan of one cluster.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Plan {
     /// Whether tracks are scanned, or reports.
     pub(super) scans_tracks: bool,
@@ -57,19 +58,35 @@ pub(super) struct Plan {
     pub(super) transitions: usize,
 }
 
-/// The cheaper scan of the two.
+/// The cheapest scan found.
 pub(super) fn plan(cluster: &Cluster) -> Plan {
-    let reports = Plan::new(cluster, false);
-    // Two or three bits: there is nothing to gain.
-    if reports.transitions <= 8 * cluster.links.len() {
-        return reports;
+    let links = &cluster.links;
+    let by_report = Adjacency::new(cluster.reports, links.len(), |link| links[link].report);
+    let by_track = Adjacency::new(cluster.tracks.len(), links.len(), |link| links[link].track);
+    let mut best: Option<Plan> = None;
+    for scans_tracks in [false, true] {
+        let sides = Sides {
+            cluster,
+            scans_tracks,
+            items: if scans_tracks { &by_track } else { &by_report },
+            slots: if scans_tracks { &by_report } else { &by_track },
+        };
+        let mut plan = sides.plan(0..sides.items.nodes());
+        // Three bits: there is nothing to gain.
+        if plan.transitions <= 4 * links.len() {
+            return plan;
+        }
+        if links.len() < cluster.reports * cluster.tracks.len() {
+            let other = sides.plan(sides.order().into_iter());
+            if other.transitions < plan.transitions {
+                plan = other;
+            }
+        }
+        if best.as_ref().is_none_or(|best| plan.transitions < best.transitions) {
+            best = Some(plan);
+        }
     }
-    let tracks = Plan::new(cluster, true);
-    if tracks.transitions < reports.transitions {
-        tracks
-    } else {
-        reports
-    }
+    best.unwrap_or_default() // never: two were made
 }
 
 /// A list of link indices per node, nodes one after the other.
@@ -109,8 +126,8 @@ impl Adjacency {
 struct Sides<'a> {
     cluster: &'a Cluster,
     scans_tracks: bool,
-    items: Adjacency,
-    slots: Adjacency,
+    items: &'a Adjacency,
+    slots: &'a Adjacency,
 }
 
 impl Sides<'_> {
@@ -151,9 +168,6 @@ impl Sides<'_> {
 
     fn order(&self) -> Vec<usize> {
         let (items, slots) = (self.items.nodes(), self.slots.nodes());
-        if self.cluster.links.len() == items * slots {
-            return (0..items).collect();
-        }
         let mut order = Vec::with_capacity(items);
         let mut left: Vec<usize> = (0..slots).map(|slot| self.slots.of(slot).len()).collect();
         let mut open = vec![false; slots];
@@ -191,41 +205,23 @@ impl Sides<'_> {
         }
         order
     }
-}
 
-impl Plan {
-    fn new(cluster: &Cluster, scans_tracks: bool) -> Self {
-        let links = &cluster.links;
-        let by_track = Adjacency::new(cluster.tracks.len(), links.len(), |link| links[link].track);
-        let by_report = Adjacency::new(cluster.reports, links.len(), |link| links[link].report);
-        let (items, slots) = if scans_tracks {
-            (by_track, by_report)
-        } else {
-            (by_report, by_track)
-        };
-        let sides = Sides {
-            cluster,
-            scans_tracks,
-            items,
-            slots,
-        };
-        let order = sides.order();
-        let mut plan = Self {
-            scans_tracks,
+    fn plan(&self, order: impl ExactSizeIterator<Item = usize>) -> Plan {
+        let links = &self.cluster.links;
+        let mut plan = Plan {
+            scans_tracks: self.scans_tracks,
             steps: Vec::with_capacity(order.len()),
             takes: Vec::with_capacity(links.len()),
-            leaves: Vec::with_capacity(sides.slots.nodes()),
+            leaves: Vec::with_capacity(self.slots.nodes()),
             transitions: 0,
         };
-        let mut left: Vec<usize> = (0..sides.slots.nodes())
-            .map(|slot| sides.slots.of(slot).len())
-            .collect();
+        let mut left: Vec<usize> = (0..self.slots.nodes()).map(|slot| self.slots.of(slot).len()).collect();
         let mut bits = vec![usize::MAX; left.len()];
         let mut used: u64 = 0;
         for item in order {
             let (first_take, first_leave) = (plan.takes.len(), plan.leaves.len());
-            for &link in sides.items.of(item) {
-                let slot = sides.slot(link);
+            for &link in self.items.of(item) {
+                let slot = self.slot(link);
                 if bits[slot] == usize::MAX {
                     bits[slot] = used.trailing_ones() as usize;
                     if bits[slot] >= WIDEST {
@@ -241,8 +237,8 @@ impl Plan {
                 });
             }
             let width = (u64::BITS - used.leading_zeros()) as usize;
-            for &link in sides.items.of(item) {
-                let slot = sides.slot(link);
+            for &link in self.items.of(item) {
+                let slot = self.slot(link);
                 left[slot] -= 1;
                 if left[slot] == 0 {
                     plan.leaves.push(Leave { bit: bits[slot], slot });

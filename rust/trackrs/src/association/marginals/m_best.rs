@@ -107,7 +107,9 @@ fn collect(
             }
         }
     }
-    links.iter_mut().chain(&mut missed).for_each(|p| *p /= seen);
+    for p in links.iter_mut().chain(&mut missed) {
+        *p /= seen;
+    }
     Solution {
         links,
         missed,
@@ -119,7 +121,6 @@ fn collect(
 
 /// Equation 2, relative to an event of cost `least`.
 fn most_of(table: &Table, node: &Node, can_miss: &[bool], least: f64) -> f64 {
-    let rows = node.row_column.len();
     let mut is_open = vec![true; table.columns];
     for &column in &node.row_column[..node.depth] {
         if let Some(open) = is_open.get_mut(column) {
@@ -127,11 +128,11 @@ fn most_of(table: &Table, node: &Node, can_miss: &[bool], least: f64) -> f64 {
         }
     }
     let mut bound = libm::exp(least - node.cost);
-    for row in node.depth..rows {
+    for (row, &can_miss) in can_miss.iter().enumerate().skip(node.depth) {
         let is_barred = |column: usize| row == node.depth && node.forbidden.contains(&column);
         let dual = node.row_duals[row];
         let mut sum = 0.0;
-        if can_miss[row] && !is_barred(usize::MAX) {
+        if can_miss && !is_barred(usize::MAX) {
             sum += libm::exp(dual - table.miss(row));
         }
         for column in (0..table.columns).filter(|&column| is_open[column]) {

@@ -22,8 +22,10 @@
 use super::Method;
 use super::cluster::{Cluster, Solution};
 
-/// Sets are bit masks.
+/// Members are counted in a byte, and no binomial coefficient overflows.
 const LARGEST: usize = 60;
+/// Ranks fit 32 bits.
+const MOST_TRANSITIONS: usize = 1 << 31;
 
 /// The subsets of one size, in the order of their bit masks.
 struct Sets {
@@ -44,10 +46,10 @@ pub(super) fn solve(cluster: &Cluster, budget: usize) -> Option<Solution> {
     }
     let choose = binomials(tracks.max(reports));
     let mut transitions: f64 = 0.0;
-    for k in 1..=tracks.min(reports) {
-        transitions += choose[tracks][k] * choose[reports][k] * k as f64;
+    for (k, (of_tracks, of_reports)) in choose[tracks].iter().zip(&choose[reports]).enumerate() {
+        transitions += of_tracks * of_reports * k as f64;
     }
-    if transitions > budget as f64 {
+    if transitions > budget.min(MOST_TRANSITIONS) as f64 {
         return None;
     }
     let mut weights = vec![0.0; tracks * reports];
@@ -102,7 +104,9 @@ pub(super) fn solve(cluster: &Cluster, budget: usize) -> Option<Solution> {
         flow = below;
     }
     let share = |link: &super::cluster::Link| pairs[link.track * reports + link.report] / total;
-    missed.iter_mut().for_each(|p| *p /= total);
+    for p in &mut missed {
+        *p /= total;
+    }
     Some(Solution {
         links: cluster.links.iter().map(share).collect(),
         missed,

@@ -194,6 +194,8 @@ fn rescale(layer: &mut [f64]) -> Option<f64> {
     if !(largest > 0.0 && largest < f64::INFINITY) {
         return None;
     }
-    layer.iter_mut().for_each(|value| *value /= largest);
+    for value in layer {
+        *value /= largest;
+    }
     Some(libm::log(largest))
 }

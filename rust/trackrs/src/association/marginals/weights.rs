@@ -64,11 +64,24 @@ impl Weights {
             }
             self.candidates.push(candidate);
         }
-        let is_possible = |candidate: &Candidate| candidate.weight != self.zero();
-        if miss == self.zero() && !self.candidates[start..].iter().any(is_possible) {
+        self.end_row(miss, start)
+    }
+
+    /// The candidates from `start` on are a track's.
+    fn end_row(&mut self, miss: f64, start: usize) -> Result<()> {
+        let zero = self.zero();
+        if miss == zero
+            && self.candidates[start..]
+                .iter()
+                .all(|candidate| candidate.weight == zero)
+        {
             self.candidates.truncate(start);
             let requirement = "a track that gates no report must be able to go without one";
-            return Err(Error::invalid(&format!("weights[{track}, 0]"), miss, requirement));
+            return Err(Error::invalid(
+                &format!("weights[{}, 0]", self.tracks()),
+                miss,
+                requirement,
+            ));
         }
         self.misses.push(miss);
         self.starts.push(self.candidates.len());
@@ -86,12 +99,18 @@ impl Weights {
         let mut weights = Self::new(columns - 1, domain);
         weights.misses.reserve(tracks);
         weights.starts.reserve(tracks);
-        weights.candidates.reserve(values.len() - tracks);
-        for row in values.chunks_exact(columns) {
-            let candidate = |(report, &weight)| Candidate { report, weight };
-            let zero = weights.zero();
-            let candidates = row[1..].iter().enumerate().map(candidate);
-            weights.push(row[0], candidates.filter(|c| c.weight != zero))?;
+        weights.candidates.reserve(tracks.saturating_mul((columns - 1).min(8)));
+        let zero = weights.zero();
+        for (track, row) in values.chunks_exact(columns).enumerate() {
+            weights.check(row[0], track, 0)?;
+            let start = weights.candidates.len();
+            for (report, &weight) in row[1..].iter().enumerate() {
+                if weight != zero {
+                    weights.check(weight, track, report + 1)?;
+                    weights.candidates.push(Candidate { report, weight });
+                }
+            }
+            weights.end_row(row[0], start)?;
         }
         Ok(weights)
     }
@@ -155,9 +174,10 @@ impl Weights {
         }
     }
 
+    #[inline]
     fn check(&self, value: f64, track: usize, column: usize) -> Result<()> {
         let usable = match self.domain {
-            Domain::Linear => value >= 0.0 && value < f64::INFINITY,
+            Domain::Linear => (0.0..f64::INFINITY).contains(&value),
             Domain::Log => value < f64::INFINITY,
         };
         if usable {

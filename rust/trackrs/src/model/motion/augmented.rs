@@ -76,7 +76,16 @@ impl Motion for Augmented {
     }
     /// That of the base; how the errors wander is not the estimator's to find.
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
-        let entry = self.base.noise_input(dt)?;
+        Some(self.behind(self.base.noise_input(dt)?, dt))
+    }
+    fn noise_input_at(&self, state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
+        Some(self.behind(self.base.noise_input_at(&self.kinematic(state), dt)?, dt))
+    }
+}
+
+impl Augmented {
+    /// The base's noise, and the walks of the errors behind it.
+    fn behind(&self, entry: NoiseInput, dt: f64) -> NoiseInput {
         let (rows, extra) = (entry.gain.nrows(), self.nuisance.dim());
         let nothing = || DMatrix::zeros(rows, rows);
         let walks = self.nuisance.walk_psd.iter().any(|&psd| psd > 0.0);
@@ -84,12 +93,12 @@ impl Motion for Augmented {
             let base = entry.rest.clone().unwrap_or_else(nothing);
             self.enlarge(&base, |i| self.nuisance.walk_psd[i] * dt)
         });
-        Some(NoiseInput {
+        NoiseInput {
             gain: entry.gain.insert_rows(rows, extra, 0.0),
             repeat: entry.repeat,
             cov: entry.cov,
             rest,
-        })
+        }
     }
 }
 

@@ -69,6 +69,14 @@ pub trait Motion: Debug + Send + Sync {
     fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
         None
     }
+    /// The same where it depends on the state; what [`Motion::noise_at`] is made of.
+    fn noise_input_at(&self, _state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
+        self.noise_input(dt)
+    }
+    /// The kinematic motion of small changes of a state that does not add, where this is one of such.
+    fn base(&self) -> Option<&dyn Motion> {
+        None
+    }
     /// Where the states live: `jacobian`, `noise` and covariances are those of its differences.
     fn space(&self) -> StateSpace {
         StateSpace::euclidean(self.state_dim())
@@ -160,6 +168,12 @@ impl Motion for MotionModel {
     }
     fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
         self.as_motion().noise_at(state, dt)
+    }
+    fn noise_input_at(&self, state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
+        self.as_motion().noise_input_at(state, dt)
+    }
+    fn base(&self) -> Option<&dyn Motion> {
+        self.as_motion().base()
     }
     fn space(&self) -> StateSpace {
         self.as_motion().space()

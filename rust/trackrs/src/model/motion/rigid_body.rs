@@ -16,7 +16,7 @@
 //! Deviation: over a step in which ω changes its direction exp(φ) is the first term of the Magnus series; the next one is
 //! ω × ω̇ dt³/12: 4e-5 rad for 3 rad/s and 20 rad/s² across each other, at 50 Hz.
 
-use nalgebra::{DMatrix, DVector, Matrix3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Motion, MotionModel, NoiseInput};
@@ -45,6 +45,16 @@ impl RigidBody {
         Ok(Self { base, attitude })
     }
 
+    /// `base`, or the rigid body around it where a sensor needs an attitude that it does not have and could.
+    pub(crate) fn if_needed(base: MotionModel, attitude: Option<usize>) -> Result<MotionModel> {
+        match attitude {
+            Some(at) if base.space().attitude.is_none() && at + 3 <= base.position_dims() => {
+                Ok(MotionModel::RigidBody(Box::new(Self::around(base, at)?)))
+            }
+            _ => Ok(base),
+        }
+    }
+
     /// The kinematic motion.
     pub fn base(&self) -> &MotionModel {
         &self.base
@@ -61,6 +71,15 @@ impl RigidBody {
     fn turn_rows(&self, matrix: &mut DMatrix<f64>, by: &Matrix3<f64>) {
         let rows = by * matrix.fixed_rows::<3>(self.attitude);
         matrix.fixed_rows_mut::<3>(self.attitude).copy_from(&rows);
+    }
+
+    /// J P Jᵀ.
+    fn turned_cov(&self, mut cov: DMatrix<f64>, by: &Matrix3<f64>) -> DMatrix<f64> {
+        self.turn_rows(&mut cov, by);
+        cov.transpose_mut();
+        self.turn_rows(&mut cov, by);
+        symmetrise(&mut cov);
+        cov
     }
 }
 
@@ -107,18 +126,48 @@ impl Motion for RigidBody {
     }
     fn noise_at(&self, state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
         let by = right_jacobian(&block(&self.moved(state, dt), self.attitude));
-        let mut out = self.base.noise(dt);
-        self.turn_rows(&mut out, &by);
-        out.transpose_mut();
-        self.turn_rows(&mut out, &by);
-        symmetrise(&mut out);
-        out
+        self.turned_cov(self.base.noise(dt), &by)
+    }
+    /// F x by the elements of F that are not zero: F is that of the base, which is linear.
+    fn propagate_all(&self, states: &[f64], dt: f64, out: &mut [f64]) -> Result<()> {
+        let (n, at) = (self.state_dim(), self.attitude);
+        let f = self.base.jacobian(&DVector::zeros(n), dt);
+        let every = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+        let elements: Vec<_> = every
+            .filter(|&(i, j)| !(at..at + 3).contains(&j) && f[(i, j)] != 0.0)
+            .map(|(i, j)| (i, j, f[(i, j)]))
+            .collect();
+        let mut last = (Vector3::zeros(), Rotation::identity());
+        for (state, moved) in states.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
+            moved.fill(0.0);
+            for &(i, j, value) in &elements {
+                moved[i] += value * state[j];
+            }
+            // Most sigma points share the attitude of their centre.
+            let attitude = Vector3::from_column_slice(&state[at..at + 3]);
+            if attitude != last.0 {
+                last = (attitude, Rotation::from_vector(&attitude));
+            }
+            let turn = Rotation::from_vector(&Vector3::from_column_slice(&moved[at..at + 3]));
+            moved[at..at + 3].copy_from_slice((last.1 * turn).vector().as_slice());
+        }
+        Ok(())
     }
     fn is_linear(&self) -> bool {
         false
     }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         self.base.noise_input(dt)
+    }
+    fn noise_input_at(&self, state: &DVector<f64>, dt: f64) -> Option<NoiseInput> {
+        let mut input = self.base.noise_input(dt)?;
+        let by = right_jacobian(&block(&self.moved(state, dt), self.attitude));
+        self.turn_rows(&mut input.gain, &by);
+        input.rest = input.rest.map(|rest| self.turned_cov(rest, &by));
+        Some(input)
+    }
+    fn base(&self) -> Option<&dyn Motion> {
+        Some(&self.base)
     }
     fn space(&self) -> StateSpace {
         StateSpace {

@@ -21,7 +21,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::pose::require_attitude;
-use super::{Motion, Sensor};
+use super::{Motion, PositionFix, Sensor};
 use crate::error::{Error, Result, require_finite, require_positive, require_size};
 use crate::model::rotation::{Rotation, cross_matrix};
 use crate::model::space::block;
@@ -207,6 +207,9 @@ impl Sensor for CameraSensor {
     }
     fn attitude(&self) -> Option<usize> {
         Some(3)
+    }
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
+        Some(self)
     }
 }
 

@@ -30,7 +30,7 @@ use crate::model::space::StateSpace;
 use crate::stats::chi_square;
 
 /// Points that must be seen whole: three have up to four poses, with nothing to choose by.
-const POINTS: usize = 4;
+pub(super) const POINTS: usize = 4;
 const MAX_ITERATIONS: usize = 100;
 const MAX_DAMPING: f64 = 1e12;
 /// The iteration has converged when a full step is shorter than this in standard deviations of the pose…
@@ -104,9 +104,7 @@ impl CameraSensor {
     /// Closed-form poses from the points of which both coordinates are seen.
     fn starts(&self, measurement: &DVector<f64>) -> Result<Vec<Pose>> {
         let image = |i: usize| Vector2::new(measurement[2 * i], measurement[2 * i + 1]);
-        let whole: Vec<usize> = (0..self.count())
-            .filter(|&i| image(i).iter().all(|v| v.is_finite()))
-            .collect();
+        let whole = whole(measurement.as_slice());
         if whole.len() < POINTS {
             let seen = if whole.is_empty() {
                 String::new()
@@ -175,6 +173,14 @@ impl CameraSensor {
             "the pose fix did not converge in {MAX_ITERATIONS} iterations"
         )))
     }
+}
+
+/// Points of which both coordinates are seen.
+pub(super) fn whole(measurement: &[f64]) -> Vec<usize> {
+    let seen = measurement.chunks_exact(2).enumerate();
+    seen.filter(|(_, image)| image.iter().all(|v| v.is_finite()))
+        .map(|(i, _)| i)
+        .collect()
 }
 
 fn solution(pose: Pose, normal: &Normal) -> Result<Solution> {

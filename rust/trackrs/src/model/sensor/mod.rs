@@ -5,6 +5,7 @@ mod camera_fix;
 mod camera_start;
 pub mod closed_form;
 mod curvature;
+mod direct_fix;
 mod fix;
 mod heard;
 mod linear;
@@ -99,6 +100,11 @@ pub trait Sensor: Debug + Send + Sync {
     /// Whether h is linear, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool {
         false
+    }
+    /// Whether changes of the state and residuals of the measurement are related by a fixed matrix, also where these turn: then
+    /// the derivative is all that there is to know, and sigma points find nothing else.
+    fn is_linear_in_changes(&self) -> bool {
+        self.is_linear()
     }
     /// A component that no target could cause, such as a negative range beyond its noise.
     fn impossible(&self, _measurement: &[f64]) -> Option<usize> {
@@ -252,6 +258,9 @@ impl Sensor for SensorModel {
     }
     fn is_linear(&self) -> bool {
         self.as_sensor().is_linear()
+    }
+    fn is_linear_in_changes(&self) -> bool {
+        self.as_sensor().is_linear_in_changes()
     }
     fn impossible(&self, measurement: &[f64]) -> Option<usize> {
         self.as_sensor().impossible(measurement)

@@ -17,7 +17,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::{Motion, Sensor};
+use super::{Motion, PositionFix, Sensor};
 use crate::error::{Error, Result, require_positive, require_size};
 use crate::model::rotation::reported_vector;
 
@@ -97,6 +97,21 @@ impl Sensor for PoseSensor {
     fn jacobian(&self, state: &DVector<f64>, _platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
         Ok(DMatrix::identity(self.std.len(), state.len()))
     }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        _platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        let m = self.std.len();
+        expected.copy_from_slice(&state.as_slice()[..m]);
+        jacobian.fill(0.0);
+        for i in 0..m {
+            jacobian[i * state.len() + i] = 1.0;
+        }
+        Ok(())
+    }
     fn noise(&self) -> DMatrix<f64> {
         DMatrix::from_diagonal(&DVector::from_iterator(self.std.len(), self.std.iter().map(|s| s * s)))
     }
@@ -111,6 +126,12 @@ impl Sensor for PoseSensor {
     }
     fn is_linear(&self) -> bool {
         self.form == AttitudeForm::Euler
+    }
+    fn is_linear_in_changes(&self) -> bool {
+        true
+    }
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
+        Some(self)
     }
 }
 

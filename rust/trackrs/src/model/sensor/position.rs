@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::{Motion, Sensor};
+use super::{Motion, PositionFix, Sensor};
 use crate::error::{Error, Result, require_positive, require_size};
 use crate::gaussian::Gaussian;
 
@@ -86,5 +86,8 @@ impl Sensor for PositionSensor {
             mean: platform.map_or_else(|| measurement.clone(), |p| measurement + p),
             cov: self.noise(),
         })
+    }
+    fn position_fix(&self) -> Option<&dyn PositionFix> {
+        Some(self)
     }
 }

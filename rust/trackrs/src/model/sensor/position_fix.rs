@@ -1,10 +1,10 @@
-//! What a filter asks of a sensor to start by itself, and the answers of a [`RangeArray`].
+//! What a filter asks of a sensor to start by itself, and the answers of a [`RangeArray`]; others are in `direct_fix.rs`.
 
 use nalgebra::DVector;
 
 use super::fix::Fix;
 use super::{RangeArray, Sensor};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gaussian::Gaussian;
 
 /// A prediction is too vague to linearise a range at it if its standard deviation across the ray is this many measured
@@ -15,23 +15,57 @@ pub const VAGUE: f64 = 2.0;
 pub trait PositionFix: Send + Sync {
     /// The position, or why there is none.
     fn fix(&self, measurement: &DVector<f64>) -> Result<Fix>;
+    /// What errors call the sensor.
+    fn name(&self) -> &'static str {
+        "the sensor"
+    }
     /// `dof` of a fix with every component observed.
-    fn redundancy(&self) -> usize;
-    /// Mean variance of the sensor's ranges, m².
-    fn range_variance(&self) -> f64;
+    fn redundancy(&self) -> usize {
+        0
+    }
+    /// Mean variance of the sensor's ranges, m²; 0 where it has none.
+    fn range_variance(&self) -> f64 {
+        0.0
+    }
     /// Whether a measurement could be one of this sensor at all; the error says why not.
-    fn check_values(&self, measurement: &DVector<f64>) -> Result<()>;
+    fn check_values(&self, measurement: &DVector<f64>) -> Result<()> {
+        let index = measurement.iter().position(|v| v.is_infinite());
+        let what = || "measurement".into();
+        index.map_or(Ok(()), |index| Err(Error::NonFinite { what: what(), index }))
+    }
     /// Whether enough components are observed for a fix, and for its test if the sensor allows one.
-    fn sufficient(&self, measurement: &[f64]) -> bool;
+    fn sufficient(&self, measurement: &[f64]) -> bool {
+        measurement.iter().all(|v| v.is_finite())
+    }
+    /// Whether several measurements, each with some of the components, make one with the means of their components.
+    fn gathers(&self) -> bool {
+        false
+    }
+    /// Which coordinates of a fix are angles, in radians.
+    fn angles(&self) -> &[usize] {
+        &[]
+    }
     /// Positions, mirror images included, from which an iteration may begin; the measurement need not be consistent.
-    fn candidates(&self, measurement: &DVector<f64>) -> Result<Vec<DVector<f64>>>;
+    fn candidates(&self, measurement: &DVector<f64>) -> Result<Vec<DVector<f64>>> {
+        self.fix(measurement).map(|fix| vec![fix.position.mean])
+    }
     /// Which of two positions that fit `measurement` equally well to take; an error if nothing says so.
-    fn takes_first(&self, measurement: &DVector<f64>, first: &DVector<f64>, second: &DVector<f64>) -> Result<bool>;
+    fn takes_first(&self, _measurement: &DVector<f64>, _first: &DVector<f64>, _second: &DVector<f64>) -> Result<bool> {
+        Ok(true)
+    }
     /// Whether the measurement cannot be linearised at a prediction as uncertain as this.
-    fn vague(&self, prediction: &Gaussian, measurement: &[f64]) -> bool;
+    fn vague(&self, _prediction: &Gaussian, _measurement: &[f64]) -> bool {
+        false
+    }
 }
 
 impl PositionFix for RangeArray {
+    fn name(&self) -> &'static str {
+        "the array"
+    }
+    fn gathers(&self) -> bool {
+        true
+    }
     fn fix(&self, measurement: &DVector<f64>) -> Result<Fix> {
         self.fix_on(measurement, self.settings.side)
     }
