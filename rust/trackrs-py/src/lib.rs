@@ -4,6 +4,7 @@
 
 mod array;
 mod association;
+mod associator;
 mod custom;
 mod error;
 mod filter;

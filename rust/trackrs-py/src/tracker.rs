@@ -8,8 +8,6 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use trackrs::association::associator::Associator;
-use trackrs::association::npda::{Bookkeeping, Npda, PartialCovariance};
 use trackrs::event::Event;
 use trackrs::filter::sequence::InitialState;
 use trackrs::gating::mahalanobis::Gate;
@@ -21,6 +19,7 @@ use trackrs::tracker::multi_target::MultiTargetTracker;
 use trackrs::{Scan, Track};
 
 use crate::array;
+use crate::associator::{AssociatorItems, associator};
 use crate::error::{compute, count, exception, to_python};
 use crate::model::{Motion, Sensor};
 
@@ -53,21 +52,6 @@ pub(crate) struct ScanArrays<'py> {
     values: PyReadonlyArray2<'py, f64>,
     platform: Option<PyReadonlyArray1<'py, f64>>,
     times: Option<PyReadonlyArray1<'py, f64>>,
-}
-
-/// An associator of the facade; what a kind does not have stands at its default.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub(crate) struct AssociatorItems {
-    name: String,
-    #[pyo3(default)]
-    coalescence_free: bool,
-    #[pyo3(default)]
-    clutter_probability: Option<f64>,
-    #[pyo3(default)]
-    covariance: String,
-    #[pyo3(default)]
-    bookkeeping: String,
 }
 
 /// An initiator of the facade, one kind or the other.
@@ -145,41 +129,6 @@ pub(crate) struct LedgerRecord {
 
 fn small(name: &str, value: i64) -> trackrs::Result<u32> {
     u32::try_from(count(name, value)?).map_err(|_| trackrs::Error::invalid(name, value, "is too large"))
-}
-
-fn associator(items: &AssociatorItems) -> trackrs::Result<Associator> {
-    let coalescence_free = items.coalescence_free;
-    match items.name.as_str() {
-        "nearest" => Ok(Associator::NearestNeighbour),
-        "global_nearest" => Ok(Associator::GlobalNearestNeighbour),
-        "pda" => Ok(Associator::Pda),
-        "jpda" => Ok(Associator::Jpda { coalescence_free }),
-        "jipda" => Ok(Associator::Jipda { coalescence_free }),
-        "npda" => npda(items).map(Associator::Npda),
-        other => Err(trackrs::Error::invalid("associator", other, "is not known")),
-    }
-}
-
-fn npda(items: &AssociatorItems) -> trackrs::Result<Npda> {
-    let covariance = match items.covariance.as_str() {
-        "moment" => PartialCovariance::Moment,
-        "paper" => PartialCovariance::Paper,
-        "joseph" => PartialCovariance::Joseph,
-        other => {
-            let requirement = "must be moment, paper or joseph";
-            return Err(trackrs::Error::invalid("covariance", other, requirement));
-        }
-    };
-    let bookkeeping = match items.bookkeeping.as_str() {
-        "each" => Bookkeeping::Each,
-        "paper" => Bookkeeping::Paper,
-        other => return Err(trackrs::Error::invalid("bookkeeping", other, "must be each or paper")),
-    };
-    Ok(Npda {
-        clutter_probability: items.clutter_probability,
-        covariance,
-        bookkeeping,
-    })
 }
 
 fn initiator(items: &InitiatorItems) -> trackrs::Result<Initiator> {
