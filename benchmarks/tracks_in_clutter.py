@@ -22,7 +22,7 @@ SIDE, SCANS, TARGETS, STD, P_D, SPEED, SEED = 1000.0, 100, 6, 10.0, 0.9, 25.0, 1
 MOTION = tr.ConstantVelocity(dims=2, accel_psd=0.5)
 SENSORS = {"radar": tr.PositionSensor(dims=2, std=STD)}
 CUT = 50.0
-# A quarter of what a report begins with in the densest clutter: joint probabilities of still fainter tracks cost seconds.
+# A quarter of what a report begins with in the densest clutter: joint sums over still fainter tracks take seconds.
 DROP = 3e-4
 
 
