@@ -9,9 +9,8 @@
 //! the cluster (two breadth-first searches find one) always the item that leaves the smallest frontier, among those that
 //! touch it. Every member takes the lowest free bit.
 //!
-//! References: L. Svensson, D. Svensson, M. Guerriero, P. Willett, Set JPDA filter for multitarget tracking, IEEE Trans.
-//! Signal Process. 59(10), 2011, §II for the joint events; H. L. Bodlaender, A tourist guide through treewidth, Acta
-//! Cybernetica 11, 1993, for sums over the frontier of a graph.
+//! Reference: H. L. Bodlaender, A tourist guide through treewidth, Acta Cybernetica 11, 1993, for sums over the frontier of
+//! a graph.
 
 use super::cluster::Cluster;
 

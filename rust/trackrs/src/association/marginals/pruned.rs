@@ -17,7 +17,7 @@
 //! Own reports of a track do not matter: with them B says who has them.
 //!
 //! Reference: H. A. P. Blom, E. A. Bloem, Probabilistic data association avoiding track coalescence, IEEE Trans. Autom.
-//! Control 45(2), 2000, §V (JPDA*).
+//! Control 45(2), 2000 (JPDA*).
 
 use super::Method;
 use super::cluster::{Cluster, Solution};
