@@ -17,6 +17,7 @@ use trackrs::model::{MotionModel, SensorModel};
 use trackrs::scan::Scan;
 use trackrs::tracker::clutter_map::ClutterMap;
 use trackrs::tracker::config::TrackerConfig;
+use trackrs::tracker::lifecycle::{Deletion, Initiator, MofN};
 use trackrs::tracker::multi_target::MultiTargetTracker;
 
 type Rows = Vec<HashMap<String, String>>;
@@ -63,11 +64,17 @@ fn config() -> trackrs::Result<TrackerConfig> {
     let lidar = SensorModel::Position(PositionSensor::new(vec![4.0; 2])?);
     let sensors = BTreeMap::from([("radar".into(), radar), ("lidar".into(), lidar)]);
     let mut config = TrackerConfig::new(motion, sensors, 8.0)?;
-    config.initiator.m = 5;
-    config.initiator.n = 6;
-    config.initiator.min_displacement = 15.0;
-    config.initiator.min_separation = 30.0;
-    config.deletion.max_misses = 6;
+    config.initiator = Initiator::MofN(MofN {
+        m: 5,
+        n: 6,
+        max_speed: 8.0,
+        min_displacement: 15.0,
+        min_separation: 30.0,
+    });
+    config.deletion = Some(Deletion {
+        max_misses: 6,
+        max_time: None,
+    });
     config.clutter_map = Some(ClutterMap {
         radius: 10.0,
         dwell: 25.0,

@@ -87,9 +87,8 @@ impl Npda {
 
 /// Equation 1 with a constant clutter probability.
 pub fn betas(log_likelihoods: &[f64], clutter_probability: f64) -> Vec<f64> {
-    let mut out = shares(log_likelihoods, f64::NEG_INFINITY);
-    out.iter_mut().for_each(|beta| *beta *= 1.0 - clutter_probability);
-    out
+    let betas = shares(log_likelihoods, f64::NEG_INFINITY).into_iter();
+    betas.map(|beta| beta * (1.0 - clutter_probability)).collect()
 }
 
 /// Equations 2 and 3.

@@ -9,7 +9,7 @@
 //! A pair is kept if d² ≤ γ. First a box test: |z_j − ẑ_i|_c ≤ √(γ S_i,cc) holds for every component c of
 //! every point inside the ellipsoid, so that a pair outside the box needs no solve.
 //! A report with missing components is compared on the observed ones, with the quantile of their number. Against a density
-//! of false reports per unit of the whole measurement space they are put at the mean of their own density, E[N] = ∫ N².
+//! of false reports per unit of the whole measurement space they are put at the mean of their own density, ∫ N².
 //!
 //! Reference: Bar-Shalom, Li (1995), Multitarget-Multisensor Tracking, §1.4.2.
 

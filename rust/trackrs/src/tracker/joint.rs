@@ -125,7 +125,9 @@ impl MultiTargetTracker {
                 prior: prior.clone(),
             };
             let mut gated = gate(&expectation, &look.sensor, &reports, &thresholds)?;
-            gated.pairs.iter_mut().for_each(|pair| pair.report += before);
+            for pair in &mut gated.pairs {
+                pair.report += before;
+            }
             member.epochs.resize(member.epochs.len() + gated.pairs.len(), epoch);
             member.gated.pairs.append(&mut gated.pairs);
             member.gated.edge_log_likelihood = gated.edge_log_likelihood;

@@ -95,12 +95,11 @@ impl MultiTargetTracker {
         gating: Vec<Gating>,
         hit: &mut [bool],
     ) -> Result<()> {
-        let betas = match npda.clutter_probability {
-            Some(p) => betas(&log_likelihoods(&gating, |pair| pair.log_likelihood), p),
-            None => {
-                let odds = self.config.odds(&look.scan.sensor);
-                shares(&log_likelihoods(&gating, |pair| pair.log_density), odds.log_clutter())
-            }
+        let betas = if let Some(p) = npda.clutter_probability {
+            betas(&log_likelihoods(&gating, |pair| pair.log_likelihood), p)
+        } else {
+            let odds = self.config.odds(&look.scan.sensor);
+            shares(&log_likelihoods(&gating, |pair| pair.log_density), odds.log_clutter())
         };
         let explained: f64 = betas.iter().sum();
         let best = betas.iter().copied().fold(1.0 - explained, f64::max);
