@@ -12,7 +12,7 @@
 use std::collections::BTreeMap;
 
 use super::density_peaks::DensityPeaks;
-use super::index::Index;
+use super::index::{Index, square_of_bound};
 use crate::error::{Error, Result};
 
 /// Borders that may be kept, per point.
@@ -39,7 +39,7 @@ pub struct Border {
 /// All borders, in the order of their cells.
 pub(crate) fn borders(index: &Index<'_>, found: &DensityPeaks, kind: BorderDensity) -> Result<Vec<Border>> {
     let n = index.points.len();
-    let radius = found.d_c * found.d_c;
+    let radius = square_of_bound(found.d_c);
     // Per pair of cells: largest sum of two densities, or sum of densities and their number.
     let mut sums: BTreeMap<[usize; 2], [f64; 2]> = BTreeMap::new();
     let mut around: Vec<[usize; 2]> = Vec::new();

@@ -21,7 +21,7 @@
 //!
 //! Reference: Rodriguez, Laio 2014; spec 6.5. The distance rule and `max_link` are ours.
 
-use super::index::Index;
+use super::index::{Index, square_of_bound};
 use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, quantile};
 use crate::error::{Error, Result, require_non_negative, require_positive};
@@ -234,11 +234,13 @@ fn before_gap(peaks: &[usize], gamma: &[f64]) -> usize {
 
 fn densities(index: &Index<'_>, d_c: f64, kernel: Kernel) -> Vec<f64> {
     let n = index.points.len();
-    let squared = d_c * d_c;
+    // Not zero, lest coincident points give 0/0.
+    let squared = (d_c * d_c).max(f64::MIN_POSITIVE);
     match kernel {
         Kernel::Cutoff => {
+            let bound = square_of_bound(d_c);
             // A point is nearer than d_c to itself.
-            let count = |i| index.count(index.points.point(i), usize::MAX, |d2| d2 < squared);
+            let count = |i| index.count(index.points.point(i), usize::MAX, |d2| d2 < bound);
             (0..n).map(|i| count(i).saturating_sub(1) as f64).collect()
         }
         Kernel::Gaussian => (0..n).map(|i| gaussian_density(index, i, squared)).collect(),

@@ -67,7 +67,7 @@ pub struct DistancePartition {
 impl Default for DistancePartition {
     fn default() -> Self {
         Self {
-            thresholds: Thresholds::Difference,
+            thresholds: Thresholds::Literature,
             probabilities: [0.3, 0.8],
             sub_partitions: None,
         }

@@ -18,7 +18,7 @@ use std::ops::Range;
 use super::points::{Points, squared};
 
 /// Nodes with at most so many points are not cut.
-const LEAF: usize = 12;
+const LEAF: usize = 16;
 
 /// A node: a range of `order`, and where its children are.
 #[derive(Debug, Clone)]
@@ -37,6 +37,18 @@ pub(crate) struct Index<'a> {
     pub(crate) order: Vec<usize>,
     pub(crate) nodes: Vec<Node>,
     boxes: Vec<f64>,
+}
+
+/// The least number whose root is not below `length`, so that d² below it is d below `length` to the last bit.
+pub(crate) fn square_of_bound(length: f64) -> f64 {
+    let mut square = length * length;
+    while square > 0.0 && libm::sqrt(square.next_down()) >= length {
+        square = square.next_down();
+    }
+    while libm::sqrt(square) < length {
+        square = square.next_up();
+    }
+    square
 }
 
 /// How near and how far the points of a node can be.
@@ -231,6 +243,17 @@ impl<'a> Index<'a> {
 mod tests {
     use super::*;
     use crate::stats::stream::Stream;
+
+    #[test]
+    fn bounds_are_exact() {
+        let mut stream = Stream::new(4, 0);
+        for _ in 0..1000 {
+            let squared = stream.uniform();
+            let length = squared.sqrt();
+            let bound = square_of_bound(length);
+            assert!(bound <= squared && bound.sqrt() >= length && bound.next_down().sqrt() < length);
+        }
+    }
 
     #[test]
     fn queries_equal_brute_force() {
