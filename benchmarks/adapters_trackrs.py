@@ -142,3 +142,8 @@ def _(d):
 @peer("W9", "trackrs", "trackrs")
 def _(d):
     return lambda: tr.assign(d["D"]), lambda r: (np.arange(len(r.columns)), r.columns)
+
+
+@peer("W6", "trackrs", "trackrs", note="exact")
+def _(d):
+    return lambda: tr.association.marginals(d["L"]), lambda r: r.probabilities

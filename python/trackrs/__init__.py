@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import geodesy, rotation, scenarios
+    from trackrs import association, geodesy, rotation, scenarios
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
     from trackrs.association import Assignment, GlobalNearestNeighbour, NearestNeighbour, assign
     from trackrs.errors import (
@@ -169,6 +169,7 @@ __all__ = [
     "Whiteness",
     "__version__",
     "assign",
+    "association",
     "choose_jerk_psd",
     "covariance_intersection",
     "evaluate",
@@ -187,7 +188,7 @@ __all__ = [
     "whiteness",
 ]
 
-_MODULES = ("geodesy", "rotation", "scenarios")
+_MODULES = ("association", "geodesy", "rotation", "scenarios")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = (

@@ -1,6 +1,6 @@
 # The compiled module. Private: `trackrs` wraps all of it.
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias, final
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ __all__ = [
     "fit_similarity",
     "geodetic_to_ecef",
     "gospa",
+    "k_best",
+    "marginals",
     "nees",
     "nis",
     "ospa",
@@ -301,6 +303,10 @@ def paper_start(
     accel_std: float,
 ) -> tuple[_Array, _Array]: ...
 def assign(costs: _Array) -> tuple[NDArray[np.int64], float]: ...
+def k_best(costs: _Array, k: int, miss_costs: _Array | None = None) -> list[tuple[NDArray[np.int64], float]]: ...
+def marginals(
+    weights: _Array, log: bool, budget: int, prune: bool
+) -> tuple[_Array, Literal["exact", "m_best", "belief"], float | None, float]: ...
 def chi_square_quantile(probability: float, dof: int) -> float: ...
 def ospa(x: _Array, y: _Array, cutoff: float, order: float) -> dict[str, float]: ...
 def gospa(truth: _Array, estimates: _Array, cutoff: float, order: float, alpha: float) -> dict[str, Any]: ...

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from trackrs import _trackrs
-from trackrs._arrays import IntArray, array, frozen
+from trackrs._arrays import FloatArray, IntArray, array, frozen
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -31,11 +31,11 @@ class GlobalNearestNeighbour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assignment:
-    """Result of `assign`.
+    """Result of `assign`, and one of those of `k_best`.
 
     Attributes:
         columns: assigned column of each row (rows,); -1 = none.
-        cost: sum of the assigned costs.
+        cost: sum of the assigned costs, and of the miss costs of unassigned rows where these have one.
     """
 
     columns: IntArray
@@ -63,3 +63,100 @@ def assign(costs: ArrayLike) -> Assignment:
     """
     columns, cost = _trackrs.assign(array(costs, "costs", 2))
     return Assignment(frozen(columns), cost)
+
+
+def k_best(costs: ArrayLike, k: int, *, miss_costs: ArrayLike | None = None) -> tuple[Assignment, ...]:
+    """Return the k assignments of least cost, the cheapest first; all of them if there are fewer.
+
+    Without `miss_costs` they are those that `assign` chooses from: as many pairs as possible. Assignments of equal cost
+    come in an order that depends on the numbers alone.
+
+    Args:
+        costs: (rows, columns); `inf` = forbidden pair.
+        k: how many.
+        miss_costs: (rows,) what it costs to leave a row unassigned; any row may then be.
+
+    Raises:
+        NonFiniteError: a cost is NaN or minus infinity, or a miss cost not finite.
+        DimensionError: there is not one miss cost for each row.
+        ParameterError: `k` is negative.
+
+    Reference:
+        Murty (1968), An algorithm for ranking all the assignments in order of increasing cost; Miller, Stone, Cox
+        (1997), Optimizing Murty's ranked assignment method.
+
+    Example:
+        >>> import trackrs as tr
+        >>> [best.cost for best in tr.association.k_best([[1.0, 2.0], [2.0, 4.0]], k=2)]
+        [4.0, 5.0]
+        >>> [best.columns.tolist() for best in tr.association.k_best([[1.0, 2.0]], k=2, miss_costs=[1.5])]
+        [[0], [-1]]
+    """
+    misses = None if miss_costs is None else array(miss_costs, "miss_costs", 1)
+    return tuple(
+        Assignment(frozen(columns), cost) for columns, cost in _trackrs.k_best(array(costs, "costs", 2), k, misses)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marginals:
+    """Result of `marginals`.
+
+    Attributes:
+        probabilities: (T, 1 + M) probability that a track has no report (column 0) or report j (column 1 + j); rows sum
+            to 1.
+        method: "exact"; "m_best", from the most likely joint events; "belief", loopy belief propagation. That of the
+            cluster that was hardest.
+        error_bound: share of the weight of all joint events that was left out, at most: no probability is wrong by
+            more. 0 where exact, None where nothing is known.
+        log_total: natural logarithm of the sum of the weights of all joint events that were counted; an estimate of it
+            by belief propagation.
+    """
+
+    probabilities: FloatArray
+    method: Literal["exact", "m_best", "belief"]
+    error_bound: float | None
+    log_total: float
+
+
+def marginals(weights: ArrayLike, *, log: bool = False, budget: int = 10_000_000, prune: bool = False) -> Marginals:
+    """Return with what probability each track has each report, given that no report is of two tracks (JPDA).
+
+    A joint event gives every track one report or none, and no report to two tracks. Its weight is the product of the
+    tracks' weights, and the probability of a pair the share of the events that hold it. Tracks that share no reports
+    are treated apart. In each such cluster the sum is exact as long as the budget allows, whatever the weights; beyond
+    it the result says what was done instead.
+
+    Args:
+        weights: (T, 1 + M). Column 0: the track is missed, 1 - P_D P_G. Column 1 + j: report j against clutter,
+            P_D f / λ with the predicted density f of the report and the density λ of clutter there. 0 = impossible, as
+            for a pair outside the gate.
+        log: `weights` are natural logarithms, -inf = impossible.
+        budget: transitions between subsets that the exact sum of one cluster may take, each a few nanoseconds and at
+            most 16 bytes. 16 tracks and 16 reports, all gated, need 8 million.
+        prune: of the events that give the same reports to the same tracks count only the most likely (JPDA*), so that
+            close tracks do not coalesce. Beyond the budget the most likely events are enumerated, and `error_bound` may
+            be large.
+
+    Raises:
+        NonFiniteError: a weight is NaN or infinite.
+        ParameterError: a weight is negative, a track can neither be missed nor have a report, or no joint event is
+            possible.
+        DimensionError: not a matrix.
+
+    Reference:
+        Fortmann, Bar-Shalom, Scheffe (1983), Sonar tracking of multiple targets using joint probabilistic data
+        association; Williams, Lau (2014) for belief propagation; Blom, Bloem (2000) for pruning. docs/association.md
+        has the equations and measured errors.
+
+    Example:
+        >>> import trackrs as tr
+        >>> found = tr.association.marginals([[0.1, 4.0, 1.0], [0.1, 2.0, 0.0]])
+        >>> found.probabilities.round(3)
+        array([[0.077, 0.148, 0.775],
+               [0.188, 0.812, 0.   ]])
+        >>> found.method, found.error_bound
+        ('exact', 0.0)
+    """
+    probabilities, method, error_bound, log_total = _trackrs.marginals(array(weights, "weights", 2), log, budget, prune)
+    return Marginals(frozen(probabilities), method, error_bound, log_total)

@@ -25,7 +25,7 @@ mod _trackrs {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::association::assign;
+    use crate::association::{assign, k_best, marginals};
     #[pymodule_export]
     use crate::filter::Filter;
     #[pymodule_export]
