@@ -93,6 +93,42 @@ def _(d):
     return w3(motion, tr.CustomSensor(lambda x: x[:, 0::3], d["R"]), d)
 
 
+@peer("W5lof", "trackrs", "trackrs")
+def _(d):
+    lof = tr.LocalOutlierFactor(20, include_ties=False)
+    return lambda: lof.scores(d["X"]), lambda scores: scores
+
+
+@peer("W5dbscan", "trackrs", "trackrs")
+def _(d):
+    dbscan = tr.DbscanPartition(d["eps"], d["min_samples"])
+    return lambda: dbscan.fit_predict(d["X"]), lambda labels: labels
+
+
+@peer("W5kmeans", "trackrs", "trackrs", note="to convergence, at most 100 iterations")
+def _(d):
+    kmeans = tr.KMeansPartition(d["k"])
+
+    def centred(labels):
+        centres = np.array([d["X"][labels == label].mean(0) for label in range(labels.max() + 1)])
+        return centres, labels
+
+    return lambda: kmeans.fit_predict(d["X"]), centred
+
+
+def w5dpeaks(kernel: str, kind: str):
+    def adapter(d):
+        # Cells are found too, which the peers leave out.
+        peaks = tr.DensityPeakPartition(d["dc"], kernel=kernel, peaks=d["k"])
+        return lambda: peaks.explain(d["X"]), lambda g: (kind, g.rho, g.delta, g.d_c)
+
+    return adapter
+
+
+for _kernel, _kind in (("cutoff", "cut"), ("gaussian", "gauss")):
+    peer("W5dpeaks", f"trackrs({_kernel})", "trackrs", note="any kernel in O(n) memory")(w5dpeaks(_kernel, _kind))
+
+
 @peer("W8ospa", "trackrs", "trackrs")
 def _(d):
     return lambda: tr.ospa(d["X"], d["Y"], c=100.0, p=2.0), lambda r: r.total

@@ -20,6 +20,7 @@ PLAIN = {"us", "ms", "us_per_step", "us_per_step_filter+smooth"}  # other limits
 FILES = {
     "w01_kf.py": ["W1", "W3c"],
     "w03_nonlinear.py": ["W3", "W3b"],
+    "w05_clustering.py": ["W5lof", "W5dbscan", "W5kmeans", "W5dpeaks"],
     "w06_jpda.py": ["W6"],
     "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"],
 }

@@ -14,6 +14,8 @@ __all__ = [
     "Filter",
     "LocalFrame",
     "Motion",
+    "OutlierFilter",
+    "Partitioner",
     "Sensor",
     "Tracker",
     "Underwater",
@@ -189,6 +191,53 @@ class Tracker:
     def events(self) -> list[dict[str, Any]]: ...
     def event_counts(self) -> dict[str, int]: ...
     def ledger(self) -> dict[str, Any]: ...
+
+@final
+class OutlierFilter:
+    def __new__(cls, n_neighbors: int, threshold: float, include_ties: bool) -> OutlierFilter: ...
+    def explain(self, values: _Array, noise: _Array | None = None) -> dict[str, Any]: ...
+
+@final
+class Partitioner:
+    @staticmethod
+    def distance(
+        thresholds: str | tuple[float, float],
+        probabilities: tuple[float, float],
+        detections_per_target: float | None,
+        seed: int,
+    ) -> Partitioner: ...
+    @staticmethod
+    def kmeans(lower: int, upper: int, seed: int) -> Partitioner: ...
+    @staticmethod
+    def dbscan(eps: float | None, min_samples: int) -> Partitioner: ...
+    @staticmethod
+    def density_peak(
+        d_c: float | None,
+        percent: float | None,
+        kernel: str,
+        peaks: str | int,
+        peak_distance: float,
+        max_link: float | None,
+    ) -> Partitioner: ...
+    @staticmethod
+    def two_level(
+        d_c: float | None,
+        percent: float | None,
+        kernel: str,
+        peaks: str | int,
+        peak_distance: float,
+        max_link: float | None,
+        border: str,
+        beta: float,
+    ) -> Partitioner: ...
+    @staticmethod
+    def tree(linkages: Sequence[str], max_extent: float | None) -> Partitioner: ...
+    def partitions(
+        self, values: _Array, noise: _Array | None = None, clutter_filter: OutlierFilter | None = None
+    ) -> NDArray[np.int64]: ...
+    def labels(self, values: _Array, noise: _Array | None = None) -> NDArray[np.int64]: ...
+    def explain(self, values: _Array, noise: _Array | None = None) -> dict[str, Any]: ...
+    def trees(self, values: _Array, noise: _Array | None = None) -> list[dict[str, Any]]: ...
 
 def regularise(times: _Array, period: float | None = None) -> dict[str, Any]: ...
 def rotation_vectors(quaternions: _Array) -> _Array: ...

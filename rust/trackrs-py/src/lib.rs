@@ -13,6 +13,7 @@ mod geodesy;
 mod metric;
 mod model;
 mod options;
+mod partition;
 mod pose;
 mod rotation;
 mod sim;
@@ -38,6 +39,8 @@ mod _trackrs {
     use crate::metric::{cumulative, evaluate, gospa, nees, nis, ospa, whiteness};
     #[pymodule_export]
     use crate::model::{Motion, Sensor};
+    #[pymodule_export]
+    use crate::partition::{OutlierFilter, Partitioner};
     #[pymodule_export]
     use crate::rotation::{
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_turned,

@@ -12,6 +12,7 @@ pub mod geodesy;
 pub mod linalg;
 pub mod metric;
 pub mod model;
+pub mod partition;
 pub mod scan;
 pub mod sim;
 pub mod state;

@@ -1,0 +1,332 @@
+//! Clustering by fast search and find of density peaks: a peak is dense, and far from everything denser.
+//!
+//! | symbol | name here        | shape | meaning                                                                  |
+//! |--------|------------------|-------|--------------------------------------------------------------------------|
+//! | d_c    | `d_c`            |       | scale of the density                                                     |
+//! | ρ      | `rho`            | n     | density                                                                  |
+//! | δ      | `delta`          | n     | distance to the nearest denser point; of the densest: to the farthest    |
+//! | nn     | `nearest_denser` | n     | that point                                                               |
+//! | γ      | `gamma`          | n     | ρ δ                                                                      |
+//! | κ      | [`Peaks::Distance`] |    | a peak has δ > κ d_c                                                     |
+//!
+//! Equations, in the order of the code:
+//!
+//! 1. ρ_i = Σ_{j≠i} exp(−(d_ij/d_c)²), or #{j ≠ i: d_ij < d_c}. Denser: larger ρ, ties lower index.
+//! 2. δ_i = min d_ij over denser j, ties the denser one; γ = ρ δ.
+//! 3. Peaks by descending γ, ties the denser: a given number; or so many that γ_(i)/γ_(i+1) is largest, i ≤ √n; or all with
+//!    δ > κ d_c, and the densest.
+//! 4. In the order of density every point takes the label of nn; a link longer than `max_link` d_c starts a cell instead.
+//!
+//! Only ρ, δ and nn are kept: O(n). Terms of the Gaussian sum that together stay below 10⁻¹⁷ of it are left out.
+//!
+//! Reference: Rodriguez, Laio 2014; spec 6.5. The distance rule and `max_link` are ours.
+
+use super::index::{Index, square_of_bound};
+use super::points::{Partition, Points};
+use super::{Partitioner, all_labelled, quantile};
+use crate::error::{Error, Result, require_non_negative, require_positive};
+
+/// Beyond this argument exp(−x) is zero.
+const UNDERFLOW: f64 = 745.2;
+/// ln 10¹⁷.
+const NEGLIGIBLE: f64 = 39.2;
+
+/// How d_c is found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scale {
+    /// It is the effective standard deviation of the points' noise.
+    Deviation,
+    /// It is given.
+    Length(f64),
+    /// This percentage of all distances is shorter.
+    Percent(f64),
+}
+
+/// How a neighbour adds to the density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kernel {
+    /// By exp(−(d/d_c)²).
+    Gaussian,
+    /// By one if nearer than d_c.
+    Cutoff,
+}
+
+/// Which points are peaks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Peaks {
+    /// So many, those of largest γ.
+    Count(usize),
+    /// Those before the largest gap in γ.
+    Gap,
+    /// Those with δ beyond so many d_c.
+    Distance(f64),
+}
+
+/// Partition by density peaks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DensityPeakPartition {
+    /// How d_c is found.
+    pub scale: Scale,
+    /// How a neighbour adds to the density.
+    pub kernel: Kernel,
+    /// Which points are peaks.
+    pub peaks: Peaks,
+    /// Longest link to a denser point, in d_c; none: any.
+    pub max_link: Option<f64>,
+}
+
+impl Default for DensityPeakPartition {
+    fn default() -> Self {
+        Self {
+            scale: Scale::Deviation,
+            kernel: Kernel::Gaussian,
+            peaks: Peaks::Distance(2.0),
+            max_link: None,
+        }
+    }
+}
+
+/// The decision graph and what follows from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DensityPeaks {
+    /// Scale of the density.
+    pub d_c: f64,
+    /// Density of every point.
+    pub rho: Vec<f64>,
+    /// Distance of every point to its nearest denser one.
+    pub delta: Vec<f64>,
+    /// ρ δ of every point.
+    pub gamma: Vec<f64>,
+    /// The nearest denser point of every point; none of the densest.
+    pub nearest_denser: Vec<Option<usize>>,
+    /// The points by descending density.
+    pub order: Vec<usize>,
+    /// The peaks by descending γ; cell i is that of peak i. Cells that a long link has started follow.
+    pub peaks: Vec<usize>,
+    /// The cell of every point.
+    pub labels: Vec<usize>,
+    /// How many cells there are.
+    pub cells: usize,
+}
+
+impl DensityPeakPartition {
+    /// Every step: densities, distances, peaks and cells.
+    pub fn explain(&self, points: &Points) -> Result<DensityPeaks> {
+        self.explain_indexed(&Index::new(points))
+    }
+
+    pub(crate) fn explain_indexed(&self, index: &Index<'_>) -> Result<DensityPeaks> {
+        self.check()?;
+        let d_c = self.scale(index)?;
+        let rho = densities(index, d_c, self.kernel);
+        let mut order: Vec<usize> = (0..rho.len()).collect();
+        order.sort_by(|&a, &b| rho[b].total_cmp(&rho[a]).then(a.cmp(&b)));
+        let Links { delta, nearest_denser } = links(index, &order);
+        let gamma: Vec<f64> = rho.iter().zip(&delta).map(|(rho, delta)| rho * delta).collect();
+        let peaks = self.choose(&order, &delta, &gamma, d_c);
+        let mut found = DensityPeaks {
+            d_c,
+            rho,
+            delta,
+            gamma,
+            nearest_denser,
+            order,
+            labels: Vec::new(),
+            cells: peaks.len(),
+            peaks,
+        };
+        self.assign(&mut found);
+        Ok(found)
+    }
+
+    fn check(&self) -> Result<()> {
+        match self.scale {
+            Scale::Deviation => {}
+            Scale::Length(d_c) => require_positive("d_c", d_c)?,
+            Scale::Percent(percent) if percent > 0.0 && percent <= 100.0 => {}
+            Scale::Percent(percent) => {
+                return Err(Error::invalid("percent", percent, "must lie above 0 and not above 100"));
+            }
+        }
+        match self.peaks {
+            Peaks::Count(0) => return Err(Error::invalid("peaks", 0, "must be at least 1")),
+            Peaks::Distance(kappa) => require_non_negative("peak_distance", kappa)?,
+            _ => {}
+        }
+        self.max_link.map_or(Ok(()), |link| require_positive("max_link", link))
+    }
+
+    fn scale(&self, index: &Index<'_>) -> Result<f64> {
+        match (self.scale, index.points.deviation()) {
+            (Scale::Length(d_c), _) => Ok(d_c),
+            (Scale::Percent(percent), _) => Ok(quantile::distance(index, percent)),
+            (Scale::Deviation, Some(deviation)) => Ok(deviation),
+            (Scale::Deviation, None) => Err(Error::invalid(
+                "d_c",
+                "none",
+                "must be given, or percent, where there is no noise",
+            )),
+        }
+    }
+
+    fn choose(&self, order: &[usize], delta: &[f64], gamma: &[f64], d_c: f64) -> Vec<usize> {
+        // Stable: ties stay in the order of density.
+        let mut peaks = order.to_vec();
+        peaks.sort_by(|&a, &b| gamma[b].total_cmp(&gamma[a]));
+        match self.peaks {
+            Peaks::Count(count) => peaks.truncate(count),
+            Peaks::Gap => peaks.truncate(before_gap(&peaks, gamma)),
+            Peaks::Distance(kappa) => {
+                let densest = order.first().copied();
+                peaks.retain(|&i| delta[i] > kappa * d_c || Some(i) == densest);
+            }
+        }
+        peaks
+    }
+
+    fn assign(&self, found: &mut DensityPeaks) {
+        const NONE: usize = usize::MAX;
+        found.labels = vec![NONE; found.rho.len()];
+        for (label, &peak) in found.peaks.iter().enumerate() {
+            found.labels[peak] = label;
+        }
+        let longest = self.max_link.map_or(f64::INFINITY, |link| link * found.d_c);
+        for &i in &found.order {
+            if found.labels[i] != NONE {
+                continue;
+            }
+            found.labels[i] = match found.nearest_denser[i] {
+                Some(denser) if found.delta[i] <= longest => found.labels[denser],
+                _ => {
+                    found.cells += 1;
+                    found.cells - 1
+                }
+            };
+        }
+    }
+}
+
+impl Partitioner for DensityPeakPartition {
+    fn partitions(&self, points: &Points) -> Result<Vec<Partition>> {
+        let found = self.explain(points)?;
+        Ok(vec![Partition::from_labels(&found.labels, found.cells)])
+    }
+
+    fn labels(&self, points: &Points) -> Result<Vec<Option<usize>>> {
+        Ok(all_labelled(&self.explain(points)?.labels))
+    }
+}
+
+/// How many of the peaks stand before the largest ratio of one γ to the next.
+fn before_gap(peaks: &[usize], gamma: &[f64]) -> usize {
+    let (mut best, mut count) = (0.0, peaks.len().min(1));
+    for (i, pair) in peaks.windows(2).enumerate() {
+        let (above, below) = (gamma[pair[0]], gamma[pair[1]]);
+        if (i + 1) * (i + 1) > peaks.len() || above == 0.0 {
+            break;
+        }
+        if above / below > best {
+            (best, count) = (above / below, i + 1);
+        }
+    }
+    count
+}
+
+fn densities(index: &Index<'_>, d_c: f64, kernel: Kernel) -> Vec<f64> {
+    let n = index.points.len();
+    // Not zero, lest coincident points give 0/0.
+    let squared = (d_c * d_c).max(f64::MIN_POSITIVE);
+    match kernel {
+        Kernel::Cutoff => {
+            let bound = square_of_bound(d_c);
+            // A point is nearer than d_c to itself.
+            let count = |i| index.count(index.points.point(i), usize::MAX, |d2| d2 < bound);
+            (0..n).map(|i| count(i).saturating_sub(1) as f64).collect()
+        }
+        Kernel::Gaussian => (0..n).map(|i| gaussian_density(index, i, squared)).collect(),
+    }
+}
+
+fn gaussian_density(index: &Index<'_>, i: usize, squared: f64) -> f64 {
+    let query = index.points.point(i);
+    let n = index.points.len() as f64;
+    let (mut sum, mut limit) = (0.0, UNDERFLOW);
+    index.descend(query, |node, reach| {
+        if reach.nearest > limit * squared {
+            return false;
+        }
+        if reach.nearest == reach.farthest {
+            // All of these coincide; where they are at distance zero, the point is one of them.
+            let count = index.nodes[node].range.len() as f64;
+            sum += if reach.nearest == 0.0 {
+                count - 1.0
+            } else {
+                count * libm::exp(-reach.nearest / squared)
+            };
+        } else if index.is_leaf(node) {
+            for (at, d2) in index.members(node, query) {
+                if index.order[at] != i {
+                    sum += libm::exp(-d2 / squared);
+                }
+            }
+        } else {
+            return true;
+        }
+        if sum > 0.0 {
+            limit = UNDERFLOW.min(NEGLIGIBLE + libm::log(n / sum));
+        }
+        false
+    });
+    sum
+}
+
+struct Links {
+    delta: Vec<f64>,
+    nearest_denser: Vec<Option<usize>>,
+}
+
+/// The nearest denser point of every point. A node whose densest point is not denser is skipped.
+fn links(index: &Index<'_>, order: &[usize]) -> Links {
+    let n = order.len();
+    let mut ranks = vec![0; n];
+    for (rank, &i) in order.iter().enumerate() {
+        ranks[i] = rank;
+    }
+    // Ranks in the order of the index, and the least in every node; children stand behind their parents.
+    let sorted: Vec<usize> = index.order.iter().map(|&i| ranks[i]).collect();
+    let mut least = vec![n; index.nodes.len()];
+    for (node, content) in index.nodes.iter().enumerate().rev() {
+        least[node] = match content.second {
+            Some(second) => least[node + 1].min(least[second]),
+            None => sorted[content.range.clone()].iter().copied().min().unwrap_or(n),
+        };
+    }
+    let mut out = Links {
+        delta: vec![0.0; n],
+        nearest_denser: vec![None; n],
+    };
+    for (rank, &i) in order.iter().enumerate() {
+        let query = index.points.point(i);
+        if rank == 0 {
+            out.delta[i] = libm::sqrt(index.farthest(query));
+            continue;
+        }
+        let mut best = (f64::INFINITY, n);
+        index.descend(query, |node, reach| {
+            if least[node] >= rank || reach.nearest > best.0 {
+                return false;
+            }
+            if index.is_leaf(node) {
+                for (at, d2) in index.members(node, query) {
+                    if sorted[at] < rank && (d2, sorted[at]) < best {
+                        best = (d2, sorted[at]);
+                    }
+                }
+            }
+            true
+        });
+        out.delta[i] = libm::sqrt(best.0);
+        out.nearest_denser[i] = order.get(best.1).copied();
+    }
+    out
+}
