@@ -35,7 +35,7 @@ RIVALS = (
     Rival("JPDAF as printed", tr.PDA()),
     Rival("JPDA single", tr.JPDA()),
     Rival("JPDA* single", tr.JPDA(coalescence_free=True)),
-    Rival("NN", tr.NearestNeighbour()),
+    Rival("NN", tr.NearestNeighbour(by="distance")),
     Rival("JPDA scan", tr.JPDA(), 3),
     Rival("JPDA* scan", tr.JPDA(coalescence_free=True), 3),
     Rival("GNN scan", tr.GlobalNearestNeighbour(), 3),

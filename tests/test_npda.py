@@ -83,6 +83,7 @@ def check(tracker, scans, steps):
         ("pdaf_lambda1e-3_pd0.3", tr.PDA(), {"clutter_density": 1e-3, "detection_probability": 0.3}),
         ("jpdaf_as_in_paper", tr.PDA(), {"clutter_density": 0.0}),
         ("nn", tr.NearestNeighbour(), {}),
+        ("nn", tr.NearestNeighbour(by="distance"), {}),
     ],
 )
 def test_golden_vectors_of_single_reports(case, associator, settings):

@@ -377,3 +377,43 @@ def test_nearest_and_global_nearest_neighbour_differ_where_they_should():
         ends[associator.name] = tracker.step(scan).means[:, 0]
     assert ends["global_nearest"][0] < 0.0 < ends["global_nearest"][1] < 4.0
     assert ends["nearest"][1] in (4.0, pytest.approx(4.0 - 1.9 / 5.0))
+
+
+@pytest.mark.parametrize("name", ["extended", "second_order", "unscented"])
+def test_every_track_has_the_filter_that_was_asked_for(name):
+    """One target without clutter: the track is that of the filter run on the same reports."""
+    motion = tr.ConstantVelocity(dims=2, accel_psd=0.1)
+    sonar = tr.RangeArray([[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]], range_std=1.0)
+    times = np.arange(1.0, 21.0)
+    rng = np.random.default_rng(4)
+    truth = np.stack([-30.0 + 2.0 * times, 20.0 - 0.5 * times], axis=1)
+    values = np.array([sonar.observe(p) for p in truth]) + rng.normal(size=(len(times), 3))
+    start = tr.GaussianState([-30.0, 20.0, 2.0, -0.5], np.diag([25.0, 25.0, 1.0, 1.0]), 0.0)
+    filters = {
+        "extended": tr.ExtendedKalmanFilter(motion, sonar),
+        "second_order": tr.ExtendedKalmanFilter(motion, sonar, second_order=True),
+        "unscented": tr.CubatureKalmanFilter(motion, sonar),
+    }
+    run = filters[name].run(times, values, initial=start)
+    tracker = tr.MultiTargetTracker(
+        motion,
+        {"sonar": sonar},
+        tr.MofN(2, 3, max_speed=20.0),
+        filter=name,
+        gate=tr.Gate(1.0),
+        associator=tr.JPDA(),
+        clutter_density=0.0,
+        detection_probability=1.0,
+        initial=[start],
+    )
+    tracks = tracker.run([tr.Scan(t, [z], sensor="sonar") for t, z in zip(times, values, strict=True)])
+    np.testing.assert_allclose(tracks.means[tracks.ids == 1], run.means, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(tracks.covs[tracks.ids == 1], run.covs, rtol=1e-8, atol=1e-9)
+    other = tr.MultiTargetTracker.from_bytes(tracker.to_bytes())
+    assert other.to_bytes() == tracker.to_bytes()
+    with pytest.raises(tr.ParameterError, match="filter = particle"):
+        tr.MultiTargetTracker(motion, {"sonar": sonar}, tr.MofN(2, 3, max_speed=20.0), filter="particle")
+    with pytest.raises(tr.ParameterError, match="by = guess"):
+        tr.MultiTargetTracker(
+            motion, {"sonar": sonar}, tr.MofN(2, 3, max_speed=20.0), associator=tr.NearestNeighbour(by="guess")
+        )

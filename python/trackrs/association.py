@@ -14,8 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class NearestNeighbour:
-    """The most likely pair of track and report first, then the most likely of the rest."""
+    """The nearest pair of track and report first, then the nearest of the rest.
 
+    Args:
+        by: "likelihood" counts ln det S, as the global one does; "distance" is the normalised distance alone, which
+            does not starve a track that has become uncertain (spec label N15).
+    """
+
+    by: Literal["likelihood", "distance"] = "likelihood"
     name: ClassVar[str] = "nearest"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -109,6 +109,8 @@ class MultiTargetTracker:
         motion: how targets move.
         sensors: the sensors by name; they may have different models and rates.
         initiator: when a track is confirmed: `MofN`, or `Existence` with the associator `JIPDA`.
+        filter: of every track: "extended", "second_order" (with the curvature of ranges) or "unscented" (sigma points
+            of equal weight, the cubature filter). For linear models all of them are the Kalman filter.
         associator: how reports are given to tracks.
         gate: which reports a track may get. Probabilistic associators reckon with its probability: what is detected
             inside it is P_D P_G.
@@ -149,6 +151,7 @@ class MultiTargetTracker:
         sensors: Mapping[str, Sensor],
         initiator: MofN | Existence,
         *,
+        filter: Literal["extended", "second_order", "unscented"] = "extended",  # noqa: A002
         associator: Associator = GlobalNearestNeighbour(),  # noqa: B008 (frozen)
         gate: Gate = Gate(),  # noqa: B008 (frozen)
         detection_probability: float | Mapping[str, float] = 0.9,
@@ -162,6 +165,7 @@ class MultiTargetTracker:
     ) -> None:
         """Build the tracker."""
         settings = {
+            "filter": filter,
             "associator": {"name": associator.name} | asdict(associator),
             "initiator": asdict(initiator),
             "detection_probability": _by_sensor(detection_probability, sensors),

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 use trackrs::association::associator::Associator;
+use trackrs::association::nearest::Nearness;
 use trackrs::association::npda::{Bookkeeping, Npda, PartialCovariance};
 
 /// An associator of the facade; what a kind does not have stands at its default.
@@ -9,6 +10,8 @@ use trackrs::association::npda::{Bookkeeping, Npda, PartialCovariance};
 #[pyo3(from_item_all)]
 pub(crate) struct AssociatorItems {
     name: String,
+    #[pyo3(default)]
+    by: String,
     #[pyo3(default)]
     coalescence_free: bool,
     #[pyo3(default)]
@@ -23,13 +26,21 @@ pub(crate) struct AssociatorItems {
 pub(crate) fn associator(items: &AssociatorItems) -> trackrs::Result<Associator> {
     let coalescence_free = items.coalescence_free;
     match items.name.as_str() {
-        "nearest" => Ok(Associator::NearestNeighbour),
+        "nearest" => nearness(&items.by).map(Associator::NearestNeighbour),
         "global_nearest" => Ok(Associator::GlobalNearestNeighbour),
         "pda" => Ok(Associator::Pda),
         "jpda" => Ok(Associator::Jpda { coalescence_free }),
         "jipda" => Ok(Associator::Jipda { coalescence_free }),
         "npda" => npda(items).map(Associator::Npda),
         other => Err(trackrs::Error::invalid("associator", other, "is not known")),
+    }
+}
+
+fn nearness(by: &str) -> trackrs::Result<Nearness> {
+    match by {
+        "likelihood" => Ok(Nearness::Likelihood),
+        "distance" => Ok(Nearness::Distance),
+        other => Err(trackrs::Error::invalid("by", other, "must be likelihood or distance")),
     }
 }
 

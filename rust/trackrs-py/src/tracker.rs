@@ -15,6 +15,7 @@ use trackrs::model::Motion as _;
 use trackrs::tracker::clutter_map::ClutterMap;
 use trackrs::tracker::config::TrackerConfig;
 use trackrs::tracker::lifecycle::{Deletion, Existence, Initiator, MofN};
+use trackrs::tracker::moments::TrackFilter;
 use trackrs::tracker::multi_target::MultiTargetTracker;
 use trackrs::{Scan, Track};
 
@@ -81,6 +82,7 @@ pub(crate) enum InitiatorItems {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
+    filter: String,
     associator: AssociatorItems,
     initiator: InitiatorItems,
     /// By sensor.
@@ -95,6 +97,18 @@ pub(crate) struct Settings {
     max_gap: Option<f64>,
     max_tracks: i64,
     strict: bool,
+}
+
+fn filter(name: &str) -> trackrs::Result<TrackFilter> {
+    match name {
+        "extended" => Ok(TrackFilter::Extended),
+        "second_order" => Ok(TrackFilter::SecondOrder),
+        "unscented" => Ok(TrackFilter::Unscented),
+        other => {
+            let requirement = "must be extended, second_order or unscented";
+            Err(trackrs::Error::invalid("filter", other, requirement))
+        }
+    }
 }
 
 #[derive(IntoPyObject)]
@@ -192,6 +206,7 @@ impl Tracker {
         let tracker = compute(py, move || {
             let initiator = initiator(&settings.initiator)?;
             let mut config = TrackerConfig::new(motion, sensors, initiator.max_speed())?;
+            config.filter = filter(&settings.filter)?;
             config.associator = associator(&settings.associator)?;
             config.initiator = initiator;
             config.detection_probability = settings.detection_probability;

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use serde_json::Value;
 use trackrs::association::associator::Associator;
 use trackrs::association::jpda;
+use trackrs::association::nearest::Nearness;
 use trackrs::association::npda::{Bookkeeping, Npda, PartialCovariance, betas};
 use trackrs::association::odds::{Odds, shares};
 use trackrs::filter::sequence::InitialState;
@@ -116,7 +117,7 @@ fn associators() -> Vec<Associator> {
     };
     let both = [false, true];
     let mut out = vec![
-        Associator::NearestNeighbour,
+        Associator::NearestNeighbour(Nearness::Distance),
         Associator::GlobalNearestNeighbour,
         Associator::Pda,
         npda(Some(0.2), PartialCovariance::Moment, Bookkeeping::Each),

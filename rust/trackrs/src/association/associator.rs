@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::nearest;
+use super::nearest::{self, Nearness};
 use super::npda::Npda;
 use super::odds::Odds;
 use super::{jpda, pda};
@@ -14,7 +14,7 @@ use crate::gating::mahalanobis::GatedTrack;
 #[non_exhaustive]
 pub enum Associator {
     /// The cheapest pair first ([`nearest`]).
-    NearestNeighbour,
+    NearestNeighbour(Nearness),
     /// The cheapest set of pairs ([`nearest`]).
     #[default]
     GlobalNearestNeighbour,
@@ -64,7 +64,7 @@ impl Associator {
     /// Whether it needs the sensor's density of false reports.
     pub fn needs_density(&self) -> bool {
         match self {
-            Self::NearestNeighbour | Self::GlobalNearestNeighbour => false,
+            Self::NearestNeighbour(_) | Self::GlobalNearestNeighbour => false,
             Self::Pda | Self::Jpda { .. } | Self::Jipda { .. } => true,
             Self::Npda(npda) => npda.clutter_probability.is_none(),
         }
@@ -74,7 +74,7 @@ impl Associator {
     /// one, or know of existence, have their own functions: here they are JPDA.
     pub fn associate(&self, tracks: &[GatedTrack], reports: usize, odds: &Odds) -> Result<Association> {
         match *self {
-            Self::NearestNeighbour => Ok(certain(tracks, &nearest::nearest(tracks, reports))),
+            Self::NearestNeighbour(by) => Ok(certain(tracks, &nearest::nearest(tracks, reports, by))),
             Self::GlobalNearestNeighbour => Ok(certain(tracks, &nearest::global(tracks, reports)?)),
             Self::Pda => Ok(pda::associate(tracks, odds)),
             Self::Jpda { coalescence_free } | Self::Jipda { coalescence_free } => {

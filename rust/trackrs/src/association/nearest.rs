@@ -9,9 +9,21 @@
 //!
 //! Reference: Blackman, Popoli (1999), Design and Analysis of Modern Tracking Systems, §6.4.
 
+use serde::{Deserialize, Serialize};
+
 use super::assignment::assign_with_misses;
 use crate::error::Result;
 use crate::gating::mahalanobis::{GatedPair, GatedTrack};
+
+/// What nearest neighbour counts as near.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Nearness {
+    /// The cost above.
+    #[default]
+    Likelihood,
+    /// d² alone (spec label N15).
+    Distance,
+}
 
 fn cost(pair: &GatedPair) -> f64 {
     -2.0 * pair.log_likelihood
@@ -19,7 +31,11 @@ fn cost(pair: &GatedPair) -> f64 {
 
 /// For every track the position in its list of pairs of the one it gets, if any: the cheapest pair first. `reports` is the
 /// number of reports in the scan.
-pub fn nearest(tracks: &[GatedTrack], reports: usize) -> Vec<Option<usize>> {
+pub fn nearest(tracks: &[GatedTrack], reports: usize, by: Nearness) -> Vec<Option<usize>> {
+    let near = |pair: &GatedPair| match by {
+        Nearness::Likelihood => cost(pair),
+        Nearness::Distance => pair.nis,
+    };
     let mut order: Vec<(f64, usize, usize)> = Vec::new();
     for (track, gated) in tracks.iter().enumerate() {
         order.extend(
@@ -27,7 +43,7 @@ pub fn nearest(tracks: &[GatedTrack], reports: usize) -> Vec<Option<usize>> {
                 .pairs
                 .iter()
                 .enumerate()
-                .map(|(slot, pair)| (cost(pair), track, slot)),
+                .map(|(slot, pair)| (near(pair), track, slot)),
         );
     }
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -128,7 +144,7 @@ mod tests {
     #[test]
     fn global_gives_up_the_nearest_pair_for_a_better_sum() {
         let tracks = [gated(vec![pair(0, 1.0), pair(1, 2.0)]), gated(vec![pair(0, 1.5)])];
-        assert_eq!(nearest(&tracks, 2), [Some(0), None]);
+        assert_eq!(nearest(&tracks, 2, Nearness::Likelihood), [Some(0), None]);
         assert_eq!(global(&tracks, 2).unwrap(), [Some(1), Some(0)]);
     }
 

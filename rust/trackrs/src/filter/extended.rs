@@ -86,6 +86,29 @@ pub fn linearise(prior: &Gaussian, sensor: &dyn Sensor, platform: Option<&DVecto
     Ok(out)
 }
 
+/// What `sensor` is expected to report of `prior`, in whose space everything adds, by any rule: an iterated one linearises
+/// at the mean.
+pub fn expect(
+    prior: &Gaussian,
+    sensor: &dyn Sensor,
+    platform: Option<&DVector<f64>>,
+    rule: Rule,
+) -> Result<Linearised> {
+    if rule == Rule::Once {
+        return linearise(prior, sensor, platform);
+    }
+    let mut look = Look::new(StateSpace::euclidean(prior.dim()), sensor, &rule.into())?;
+    let target = Target {
+        prior,
+        factor: None,
+        carried: None,
+        sensor,
+        platform,
+    };
+    look.expect(&target, &vec![f64::NAN; sensor.measurement_dim()])?;
+    Ok(look.linearised)
+}
+
 /// How a filter finds the moments of its models and carries its covariances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Method {

@@ -46,7 +46,18 @@ pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
 
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
 pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {
-    let mut prediction = Prediction::new(motion.space(), Rule::Once, Form::Joseph);
+    predict_by(Rule::Once, prior, motion, dt, input)
+}
+
+/// The same by any rule.
+pub fn predict_by(
+    rule: Rule,
+    prior: &Gaussian,
+    motion: &dyn Motion,
+    dt: f64,
+    input: Option<&DVector<f64>>,
+) -> Result<Gaussian> {
+    let mut prediction = Prediction::new(motion.space(), rule, Form::Joseph);
     let course = Course {
         motion,
         dt,

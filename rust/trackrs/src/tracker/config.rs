@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMap;
 use super::lifecycle::{Deletion, Initiator, MofN};
+use super::moments::TrackFilter;
 use crate::association::associator::Associator;
 use crate::association::odds::{Odds, require_detection};
 use crate::error::{Error, Result, require_finite, require_non_negative, require_positive, require_size};
@@ -23,6 +24,9 @@ pub struct TrackerConfig {
     pub motion: MotionModel,
     /// The sensors by name.
     pub sensors: BTreeMap<String, SensorModel>,
+    /// The filter of every track.
+    #[serde(default)]
+    pub filter: TrackFilter,
     /// How reports are given to tracks.
     pub associator: Associator,
     /// Which reports a track may get.
@@ -55,6 +59,7 @@ impl TrackerConfig {
         Ok(Self {
             motion,
             sensors,
+            filter: TrackFilter::default(),
             associator: Associator::default(),
             gate: Gate::new(0.99)?,
             detection_probability: BTreeMap::new(),

@@ -24,8 +24,6 @@ use crate::association::marginals::Options;
 use crate::association::odds::Odds;
 use crate::error::Result;
 use crate::event::EventCode;
-use crate::filter::extended::linearise;
-use crate::filter::kalman;
 use crate::filter::mixture::{Hypothesis, moment_match};
 use crate::gating::mahalanobis::{Expectation, GatedTrack, gate};
 use crate::gaussian::Gaussian;
@@ -121,7 +119,7 @@ impl MultiTargetTracker {
                 .map(|row| row.value.clone())
                 .collect();
             let expectation = Expectation {
-                linearised: linearise(prior, &look.sensor, look.platform.as_ref())?,
+                linearised: self.config.filter.expect(prior, &look.sensor, look.platform.as_ref())?,
                 prior: prior.clone(),
             };
             let mut gated = gate(&expectation, &look.sensor, &reports, &thresholds)?;
@@ -194,7 +192,10 @@ impl MultiTargetTracker {
             let innovation = &member.gated.pairs[slot].innovation;
             let mut state = linearised.prediction.update(prior, innovation)?.posterior;
             for step in epochs[epoch..].windows(2) {
-                state = kalman::predict(&state, &self.config.motion, step[1] - step[0], None)?;
+                state = self
+                    .config
+                    .filter
+                    .predict(&state, &self.config.motion, step[1] - step[0])?;
             }
             hypotheses.push(Hypothesis { weight, state });
         }

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::lifecycle::{Start, Window};
+use super::moments::TrackFilter;
 use crate::error::Result;
-use crate::filter::kalman;
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, MotionModel};
 
@@ -36,10 +36,10 @@ pub(super) struct Stored {
 
 impl LiveTrack {
     /// The estimate at time `to`, the track standing at `from`.
-    pub(super) fn ahead(&self, motion: &MotionModel, from: f64, to: f64) -> Result<Gaussian> {
+    pub(super) fn ahead(&self, filter: TrackFilter, motion: &MotionModel, from: f64, to: f64) -> Result<Gaussian> {
         match &self.stored {
-            Some(stored) => kalman::predict(&stored.state, motion, to - stored.time, None),
-            None => kalman::predict(&self.state, motion, to - from, None),
+            Some(stored) => filter.predict(&stored.state, motion, to - stored.time),
+            None => filter.predict(&self.state, motion, to - from),
         }
     }
 

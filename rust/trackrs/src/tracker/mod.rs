@@ -7,6 +7,7 @@ mod joint;
 pub mod lifecycle;
 mod live;
 mod look;
+pub mod moments;
 pub mod multi_target;
 mod population;
 mod sequential;

@@ -26,7 +26,6 @@ use super::look::Look;
 use crate::association::associator::Associator;
 use crate::error::{Error, Result, require_finite, require_probability, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
-use crate::filter::kalman;
 use crate::gaussian::Gaussian;
 use crate::model::Motion;
 use crate::scan::Scan;
@@ -74,7 +73,10 @@ impl MultiTargetTracker {
                         .rows(0, tracker.config.motion.position_dims())
                         .as_slice(),
                 ),
-                state: kalman::predict(&start.state, &tracker.config.motion, ahead, None)?,
+                state: tracker
+                    .config
+                    .filter
+                    .predict(&start.state, &tracker.config.motion, ahead)?,
                 windows: vec![Window::started(); tracker.config.sensors.len()],
                 born: start.time,
                 last_hit: start.time,

@@ -8,7 +8,6 @@ use crate::association::associator::Associator;
 use crate::association::npda::{Bookkeeping, Npda};
 use crate::error::Result;
 use crate::event::EventCode;
-use crate::filter::kalman;
 use crate::gaussian::Gaussian;
 use crate::model::Motion;
 
@@ -106,7 +105,7 @@ impl MultiTargetTracker {
                 id: None,
                 stored: self.stored(&state, born),
                 state: if born < look.scan.time {
-                    kalman::predict(&state, motion, look.scan.time - born, None)?
+                    self.config.filter.predict(&state, motion, look.scan.time - born)?
                 } else {
                     state
                 },

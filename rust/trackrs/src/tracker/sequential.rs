@@ -17,7 +17,7 @@ use crate::association::npda::{Npda, betas, partial_update};
 use crate::association::odds::shares;
 use crate::error::Result;
 use crate::event::EventCode;
-use crate::filter::extended::{Linearised, linearise};
+use crate::filter::extended::Linearised;
 use crate::gating::mahalanobis::{Expectation, GatedPair, gate};
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, Sensor};
@@ -56,7 +56,7 @@ impl MultiTargetTracker {
     /// Predicts all tracks from one time to another.
     pub(super) fn advance(&mut self, from: f64, to: f64) -> Result<()> {
         for track in &mut self.tracks {
-            track.state = track.ahead(&self.config.motion, from, to)?;
+            track.state = track.ahead(self.config.filter, &self.config.motion, from, to)?;
         }
         Ok(())
     }
@@ -67,7 +67,8 @@ impl MultiTargetTracker {
         let mut out = Vec::new();
         for track in group.members(&self.tracks) {
             let prior = self.tracks[track].state.clone();
-            let gated = linearise(&prior, &look.sensor, look.platform.as_ref()).and_then(|linearised| {
+            let expected = self.config.filter.expect(&prior, &look.sensor, look.platform.as_ref());
+            let gated = expected.and_then(|linearised| {
                 let expectation = Expectation { prior, linearised };
                 let gated = gate(&expectation, &look.sensor, reports, &thresholds)?;
                 Ok((expectation, gated))
