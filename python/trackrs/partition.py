@@ -26,6 +26,8 @@ from trackrs._arrays import FloatArray, IntArray, array, frozen
 from trackrs.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
 
@@ -457,7 +459,7 @@ class TreePartition(_Partitioner):
                [0, 0, 0]])
     """
 
-    linkages: tuple[Literal["single", "ward"], ...] | list[Literal["single", "ward"]] = ("single", "ward")
+    linkages: Sequence[str] = ("single", "ward")
     max_extent: float | None = None
 
     @property

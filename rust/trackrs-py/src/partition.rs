@@ -13,7 +13,7 @@ use trackrs::partition::kmeans::KMeansPartition;
 use trackrs::partition::lof;
 use trackrs::partition::tree::{Linkage, TreePartition};
 use trackrs::partition::two_level::TwoLevelPartition;
-use trackrs::partition::{self, Partitioner as _, Points};
+use trackrs::partition::{self, Points};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
@@ -229,7 +229,7 @@ impl Partitioner {
         let filter = clutter_filter.as_ref().map(|filter| &filter.core);
         let (labels, shape) = compute(py, || {
             let found = partition::partitions(self.core(), &points, filter)?;
-            let labels = found.iter().flat_map(|cells| cells.labels());
+            let labels = found.iter().flat_map(partition::Partition::labels);
             let labels: Vec<i64> = labels.map(|&l| i64::try_from(l).unwrap_or(i64::MAX)).collect();
             Ok((labels, [found.len(), points.len()]))
         })?;

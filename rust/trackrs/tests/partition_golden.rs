@@ -64,7 +64,9 @@ fn cells(partition: &Partition) -> Vec<Vec<usize>> {
 
 fn expected_cells(value: &Value) -> Vec<Vec<usize>> {
     let mut cells: Vec<Vec<usize>> = value.as_array().unwrap().iter().map(indices).collect();
-    cells.iter_mut().for_each(|cell| cell.sort_unstable());
+    for cell in &mut cells {
+        cell.sort_unstable();
+    }
     cells.sort();
     cells
 }
@@ -214,13 +216,13 @@ fn dbscan_and_the_two_level_chain() {
 #[test]
 fn how_many_targets_a_cell_comes_from() {
     for row in golden!("et_partition.json")["poisson_ml_count"].as_array().unwrap() {
-        let row = numbers(row);
-        let found = poisson_split::targets(row[0] as usize, row[1]) as f64;
+        let (n, rate, expected): (usize, f64, usize) = serde_json::from_value(row.clone()).unwrap();
+        let found = poisson_split::targets(n, rate);
         // The reference of the file tries no more than ten.
-        assert_eq!(found.min(10.0), row[2]);
-        let gain = |x: f64| row[0] * (x * row[1]).ln() - x * row[1];
-        let better = (1..100).map(f64::from).find(|&x| gain(x) > gain(found) + 1e-9);
-        assert_eq!(better, None, "{row:?}: {found}");
+        assert_eq!(found.min(10), expected);
+        let gain = |x: usize| n as f64 * (x as f64 * rate).ln() - x as f64 * rate;
+        let better = (1..100).find(|&x| gain(x) > gain(found) + 1e-9);
+        assert_eq!(better, None, "{n} of {rate}: {found}");
     }
 }
 

@@ -142,14 +142,14 @@ fn means(points: &Points, labels: &mut [usize], centres: &mut Vec<f64>) {
 fn seeds(points: &Points, k: usize, stream: &mut Stream) -> Vec<f64> {
     let n = points.len();
     let mut centres = Vec::with_capacity(k * points.dims());
+    let indices: Vec<usize> = (0..n).collect();
     let mut nearest = vec![f64::INFINITY; n];
     let mut total = 0.0;
     for number in 0..k {
-        let drawn = stream.uniform();
         let chosen = if number == 0 || total == 0.0 {
-            ((drawn * n as f64) as usize).min(n - 1)
+            stream.choice(&indices).copied().unwrap_or(0)
         } else {
-            weighted(&nearest, drawn * total)
+            weighted(&nearest, stream.uniform() * total)
         };
         let centre = points.point(chosen);
         centres.extend_from_slice(centre);

@@ -6,6 +6,11 @@
 //! Reference: Granström, Lundquist, Orguner 2012 (sub-partitions); spec 6.1.
 
 /// x, for cells of `measurements` and `rate` = γ > 0 measurements per target; at most one target per measurement.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "whole, at least 1 and at most `measurements`"
+)]
 pub fn targets(measurements: usize, rate: f64) -> usize {
     let n = measurements as f64;
     let low = libm::floor(n / rate).clamp(1.0, n.max(1.0));

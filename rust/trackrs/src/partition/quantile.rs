@@ -18,6 +18,11 @@ const LISTED: usize = 8;
 const LISTED_ANYWAY: usize = 1 << 16;
 
 /// The distance d_c of the percentage rule.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a float-to-integer cast saturates, and the result is clamped"
+)]
 pub(crate) fn distance(index: &Index<'_>, percent: f64) -> f64 {
     let n = index.points.len();
     let pairs = n * n.saturating_sub(1) / 2;
