@@ -6,7 +6,7 @@
 //! |        | `boxes`           | lower and upper corner of each node's bounding box                             |
 //! | d²     | `distance_squared`| squared distances throughout: comparing them is comparing distances            |
 //!
-//! A node is cut at the median of its widest coordinate, ties by index, until [`LEAF`] points are left or all coincide.
+//! A node is cut at the median of its widest coordinate, ties by index, until `LEAF` points are left or all coincide.
 //! A node whose box lies outside a query is skipped; one whose box lies wholly inside is counted at once, so piles of
 //! coincident points cost no more than one.
 //!
