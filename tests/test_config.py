@@ -297,7 +297,8 @@ def test_every_argument_has_a_kind():
     own = {"self", "motion", "sensors", "initial", "gate", *module._CHOICES}
     for name in inspect.signature(tr.MultiTargetTracker.__init__).parameters.keys() - own:
         annotation = str(inspect.signature(tr.MultiTargetTracker.__init__).parameters[name].annotation)
-        assert annotation.removesuffix(" | None") in {**module._KINDS, **module._RECORDS}, name
+        kind = annotation.removesuffix(" | None")
+        assert module._LITERAL.fullmatch(kind) or kind in {**module._KINDS, **module._RECORDS}, name
 
 
 def test_every_model_has_a_name():
