@@ -200,27 +200,50 @@ class Whiteness:
     p_value: float
 
 
-def _attitudes(means: FloatArray, attitude: int | None, labels: tuple[str, ...]) -> FloatArray:
-    if attitude is None:
-        msg = f"the state {' '.join(labels)} has no attitude"
-        raise ParameterError(msg)
-    return frozen(_trackrs.rotation_quaternions(array(means[:, attitude : attitude + 3], "means", 2)))
+class _Estimates:
+    """What estimates of a state give, one with an attitude or without."""
 
+    __slots__ = ()
 
-def _errors(means: FloatArray, truth: ArrayLike, attitude: int | None) -> FloatArray:
-    true = array(truth, "truth", 2)
-    if true.shape != means.shape:
-        msg = f"truth has shape {true.shape}, expected {means.shape}"
-        raise DimensionError(msg)
-    out = means - true
-    if attitude is not None:
-        at = slice(attitude, attitude + 3)
-        out[:, at] = _trackrs.rotation_between(np.hstack([true[:, at], means[:, at]]))
-    return frozen(out)
+    means: FloatArray
+    labels: tuple[str, ...]
+    attitude: int | None
+
+    @property
+    def attitudes(self) -> FloatArray:
+        """Unit quaternions w, x, y, z of the estimated attitudes (T, 4), w not negative.
+
+        Raises:
+            ParameterError: the state has no attitude.
+        """
+        if self.attitude is None:
+            msg = f"the state {' '.join(self.labels)} has no attitude"
+            raise ParameterError(msg)
+        vectors = self.means[:, self.attitude : self.attitude + 3]
+        return frozen(_trackrs.rotation_quaternions(array(vectors, "means", 2)))
+
+    def errors(self, truth: ArrayLike) -> FloatArray:
+        """Return estimates less truth (T, n), of attitudes the turns from truth to estimate: what `covs` are of.
+
+        Args:
+            truth: (T, n), attitudes as rotation vectors.
+
+        Raises:
+            DimensionError: the truth has another shape.
+        """
+        true = array(truth, "truth", 2)
+        if true.shape != self.means.shape:
+            msg = f"truth has shape {true.shape}, expected {self.means.shape}"
+            raise DimensionError(msg)
+        out = self.means - true
+        if self.attitude is not None:
+            at = slice(self.attitude, self.attitude + 3)
+            out[:, at] = _trackrs.rotation_between(np.hstack([true[:, at], self.means[:, at]]))
+        return frozen(out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilterRun:
+class FilterRun(_Estimates):
     """Result of a filter over T measurements. With `history="last"` the sequences have length 1.
 
     Attributes:
@@ -274,26 +297,6 @@ class FilterRun:
     def __len__(self) -> int:
         """Return the number of times kept."""
         return len(self.times)
-
-    @property
-    def attitudes(self) -> FloatArray:
-        """Unit quaternions w, x, y, z of the estimated attitudes (T, 4), w not negative.
-
-        Raises:
-            ParameterError: the state has no attitude.
-        """
-        return _attitudes(self.means, self.attitude, self.labels)
-
-    def errors(self, truth: ArrayLike) -> FloatArray:
-        """Return estimates less truth (T, n), of attitudes the turns from truth to estimate: what `covs` are of.
-
-        Args:
-            truth: (T, n), attitudes as rotation vectors.
-
-        Raises:
-            DimensionError: the truth has another shape.
-        """
-        return _errors(self.means, truth, self.attitude)
 
     def __getitem__(self, index: int) -> GaussianState:
         """Return the estimate after measurement `index`."""
@@ -418,7 +421,7 @@ class FilterRun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedRun:
+class SmoothedRun(_Estimates):
     """Estimates of T states given measurements before and after them.
 
     Attributes:
@@ -442,26 +445,6 @@ class SmoothedRun:
     def __len__(self) -> int:
         """Return the number of times."""
         return len(self.times)
-
-    @property
-    def attitudes(self) -> FloatArray:
-        """Unit quaternions w, x, y, z of the estimated attitudes (T, 4), w not negative.
-
-        Raises:
-            ParameterError: the state has no attitude.
-        """
-        return _attitudes(self.means, self.attitude, self.labels)
-
-    def errors(self, truth: ArrayLike) -> FloatArray:
-        """Return estimates less truth (T, n), of attitudes the turns from truth to estimate: what `covs` are of.
-
-        Args:
-            truth: (T, n), attitudes as rotation vectors.
-
-        Raises:
-            DimensionError: the truth has another shape.
-        """
-        return _errors(self.means, truth, self.attitude)
 
     def __getitem__(self, index: int) -> GaussianState:
         """Return the estimate at time `index`."""
