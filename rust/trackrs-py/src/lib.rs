@@ -14,8 +14,10 @@ mod metric;
 mod model;
 mod options;
 mod partition;
+mod phd;
 mod pose;
 mod rotation;
+mod scans;
 mod sim;
 mod smoother;
 mod stats;
@@ -41,6 +43,8 @@ mod _trackrs {
     use crate::model::{Motion, Sensor};
     #[pymodule_export]
     use crate::partition::{OutlierFilter, Partitioner};
+    #[pymodule_export]
+    use crate::phd::IntensityTracker;
     #[pymodule_export]
     use crate::rotation::{
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_turned,

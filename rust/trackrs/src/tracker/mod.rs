@@ -9,5 +9,6 @@ mod live;
 mod look;
 pub mod moments;
 pub mod multi_target;
+pub mod phd;
 mod population;
 mod sequential;

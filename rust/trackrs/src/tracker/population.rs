@@ -94,7 +94,8 @@ impl MultiTargetTracker {
                 continue;
             }
             if self.tracks.len() >= self.config.max_tracks {
-                self.record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
+                self.intake
+                    .record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
                 continue;
             }
             let mut windows = vec![Window::default(); self.config.sensors.len()];
