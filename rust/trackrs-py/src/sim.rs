@@ -216,13 +216,13 @@ impl CloseTargets {
         let out = compute(py, || self.core.draw(seed, run))?;
         Ok(Reports {
             values: array::from_rows(py, out.values.iter(), 2)?,
-            origins: PyArray1::from_iter(py, out.origins.iter().map(origin)),
+            origins: PyArray1::from_iter(py, out.origins.into_iter().map(origin)),
         })
     }
 }
 
 /// −1 where there is none.
-fn origin(target: &Option<usize>) -> i64 {
+fn origin(target: Option<usize>) -> i64 {
     target.map_or(-1, |i| i64::try_from(i).unwrap_or(i64::MAX))
 }
 
@@ -384,7 +384,7 @@ impl ExtendedTargets {
         let origins: Vec<Option<usize>> = scans.into_iter().flat_map(|d| d.origins).collect();
         Ok(Detections {
             values: PyArray1::from_vec(py, values).reshape([origins.len(), 2])?,
-            origins: PyArray1::from_iter(py, origins.iter().map(origin)),
+            origins: PyArray1::from_iter(py, origins.into_iter().map(origin)),
             offsets,
         })
     }

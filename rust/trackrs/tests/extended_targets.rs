@@ -150,7 +150,7 @@ fn targets_meet_or_stay_apart() {
     let parallel = ExtendedTargets::new(parallel([BLOB, ellipse], [10.0; 2], 70.0)).unwrap();
     assert_eq!(parallel.truth(0, 51.0), Some([0.0, 600.0, 16.0, 0.0]));
     assert_eq!(parallel.truth(1, 100.0), Some([784.0, 670.0, 16.0, 0.0]));
-    assert!((parallel.sensor_std().powi(2) - (400.0 + 628.125) / 2.0).abs() < 1e-9);
+    assert!((parallel.sensor_std().powi(2) - 514.0625).abs() < 1e-9);
 }
 
 #[test]
@@ -209,14 +209,17 @@ fn a_group_from_one_region_loses_one_inside() {
     assert!(tenths.truth(0, tenths.time(9)).is_some() && tenths.truth(0, tenths.time(8)).is_none());
 }
 
+/// What makes settings wrong.
+type Mistake = fn(&mut ExtendedTargetsSettings);
+
 #[test]
 fn mistakes_are_named() {
-    let refused = |change: fn(&mut ExtendedTargetsSettings)| -> String {
+    let refused = |change: Mistake| -> String {
         let mut settings = crossing([BLOB; 3], [10.0; 3]);
         change(&mut settings);
         ExtendedTargets::new(settings).unwrap_err().to_string()
     };
-    let cases: [(&str, fn(&mut ExtendedTargetsSettings)); 16] = [
+    let cases: [(&str, Mistake); 16] = [
         ("targets = none", |s| s.targets.clear()),
         ("interval = 0", |s| s.interval = 0.0),
         ("clutter = -1", |s| s.clutter = -1.0),
