@@ -11,6 +11,7 @@ _Array: TypeAlias = NDArray[np.float64]
 
 __all__ = [
     "CloseTargets",
+    "ExtendedTargets",
     "Filter",
     "IntensityTracker",
     "LocalFrame",
@@ -25,6 +26,7 @@ __all__ = [
     "assign",
     "chi_square_quantile",
     "covariance_intersection",
+    "crossing_targets",
     "cumulative",
     "ecef_to_geodetic",
     "evaluate",
@@ -37,6 +39,7 @@ __all__ = [
     "nis",
     "ospa",
     "paper_start",
+    "parallel_targets",
     "place_array",
     "reference_course",
     "reference_hydrophones",
@@ -368,6 +371,33 @@ class CloseTargets:
     def initial(self) -> list[_Array]: ...
     def clutter_area(self) -> float: ...
     def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+@final
+class ExtendedTargets:
+    @staticmethod
+    def make(
+        lives: Sequence[tuple[Sequence[float], float, float, float]],
+        kinds: Sequence[tuple[str, Sequence[float]]],
+        births: Sequence[Sequence[float]],
+        scans: int,
+        interval: float,
+        clutter: float,
+        detection_probability: float,
+        noise_std: float,
+        sensor_std: float | None = None,
+    ) -> ExtendedTargets: ...
+    def times(self) -> _Array: ...
+    def truth(self) -> _Array: ...
+    def births(self) -> list[_Array]: ...
+    def clutter_density(self) -> float: ...
+    def detections_per_target(self) -> float: ...
+    def sensor_std(self) -> float: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+def crossing_targets(kinds: Sequence[tuple[str, Sequence[float]]], rates: Sequence[float]) -> dict[str, Any]: ...
+def parallel_targets(
+    kinds: Sequence[tuple[str, Sequence[float]]], rates: Sequence[float], spacing: float
+) -> dict[str, Any]: ...
 
 @final
 class Underwater:

@@ -51,7 +51,10 @@ mod _trackrs {
         rotation_vectors,
     };
     #[pymodule_export]
-    use crate::sim::{CloseTargets, Underwater, reference_course, reference_hydrophones};
+    use crate::sim::{
+        CloseTargets, ExtendedTargets, Underwater, crossing_targets, parallel_targets, reference_course,
+        reference_hydrophones,
+    };
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]
