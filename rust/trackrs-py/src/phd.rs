@@ -12,7 +12,7 @@ use trackrs::rfs::mixture::Reduction;
 use trackrs::rfs::prediction::{Birth, Fate, Spawn};
 use trackrs::rfs::rate::{Rate, RateModel};
 use trackrs::tracker::phd::PhdTracker;
-use trackrs::tracker::phd::config::{AdaptiveBirth, Confirmation, PhdConfig, Watch};
+use trackrs::tracker::phd::config::{AdaptiveBirth, Confirmation, IntensityUpdate, PhdConfig, Watch};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
@@ -181,13 +181,13 @@ impl IntensityTracker {
                     spawns,
                 },
                 adaptive_birth,
-                update: ExtendedUpdate {
+                update: IntensityUpdate::Extended(ExtendedUpdate {
                     rates,
                     partition,
                     clutter_filter,
                     superposition,
                     prune,
-                },
+                }),
                 reduction: Reduction {
                     prune,
                     merge,
