@@ -11,3 +11,4 @@ pub mod moments;
 pub mod multi_target;
 mod population;
 mod sequential;
+mod two_point;
