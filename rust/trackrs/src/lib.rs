@@ -13,6 +13,7 @@ pub mod linalg;
 pub mod metric;
 pub mod model;
 pub mod partition;
+pub mod rfs;
 pub mod scan;
 pub mod sim;
 pub mod state;

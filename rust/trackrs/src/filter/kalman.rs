@@ -186,6 +186,11 @@ impl MeasurementPrediction {
         &self.jacobian
     }
 
+    /// H P, m×n row by row.
+    pub fn cross(&self) -> &[f64] {
+        &self.cross
+    }
+
     /// S, m×m.
     pub fn cov(&self) -> &DMatrix<f64> {
         &self.cov

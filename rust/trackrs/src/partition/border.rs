@@ -9,6 +9,7 @@
 //!
 //! Reference: spec 6.6; the maximum is the border density of Rodriguez and Laio 2014, per pair of cells.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use super::density_peaks::DensityPeaks;
@@ -19,7 +20,7 @@ use crate::error::{Error, Result};
 const MAX_BORDERS: usize = 1000;
 
 /// What the density of a border is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BorderDensity {
     /// The largest mean of the two densities of a pair.
     Maximum,

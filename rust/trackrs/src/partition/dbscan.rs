@@ -20,9 +20,10 @@ use super::Partitioner;
 use super::index::Index;
 use super::points::{Partition, Points};
 use crate::error::{Error, Result, require_non_negative};
+use serde::{Deserialize, Serialize};
 
 /// DBSCAN.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DbscanPartition {
     /// Largest distance of neighbours; none: 1.5 effective standard deviations of the points' noise.
     pub eps: Option<f64>,

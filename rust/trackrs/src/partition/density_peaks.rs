@@ -25,6 +25,7 @@ use super::index::{Index, square_of_bound};
 use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, quantile};
 use crate::error::{Error, Result, require_non_negative, require_positive};
+use serde::{Deserialize, Serialize};
 
 /// Beyond this argument exp(−x) is zero.
 const UNDERFLOW: f64 = 745.2;
@@ -32,7 +33,7 @@ const UNDERFLOW: f64 = 745.2;
 const NEGLIGIBLE: f64 = 39.2;
 
 /// How d_c is found.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Scale {
     /// It is the effective standard deviation of the points' noise.
     Deviation,
@@ -43,7 +44,7 @@ pub enum Scale {
 }
 
 /// How a neighbour adds to the density.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kernel {
     /// By exp(−(d/d_c)²).
     Gaussian,
@@ -52,7 +53,7 @@ pub enum Kernel {
 }
 
 /// Which points are peaks.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Peaks {
     /// So many, those of largest γ.
     Count(usize),
@@ -63,7 +64,7 @@ pub enum Peaks {
 }
 
 /// Partition by density peaks.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DensityPeakPartition {
     /// How d_c is found.
     pub scale: Scale,

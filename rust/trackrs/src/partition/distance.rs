@@ -18,6 +18,7 @@
 //!
 //! Reference: Granström, Lundquist, Orguner 2012; spec 6.1. The spanning tree and `difference` are ours.
 
+use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet};
 
 use super::points::{Partition, Points};
@@ -29,7 +30,7 @@ use crate::stats::chi_square;
 use crate::stats::stream::Stream;
 
 /// The thresholds.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Thresholds {
     /// From the chi-square distribution of a point about its target, as in the literature.
     Literature,
@@ -45,7 +46,7 @@ pub enum Thresholds {
 }
 
 /// Sub-partitions of cells that are too large for one target.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SubPartitions {
     /// Mean measurements per target.
     pub detections_per_target: f64,
@@ -54,7 +55,7 @@ pub struct SubPartitions {
 }
 
 /// Distance partitions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DistancePartition {
     /// The thresholds.
     pub thresholds: Thresholds,

@@ -18,11 +18,12 @@ use super::points::{Partition, Points, squared};
 use super::{Partitioner, all_labelled, require_few};
 use crate::error::{Error, Result};
 use crate::stats::stream::Stream;
+use serde::{Deserialize, Serialize};
 
 const MAX_ITERATIONS: usize = 100;
 
 /// K-means for every K of a range, one partition each.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KMeansPartition {
     /// The least K.
     pub lower: usize,

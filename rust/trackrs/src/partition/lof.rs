@@ -20,6 +20,7 @@
 //!
 //! Reference: Breunig, Kriegel, Ng, Sander 2000; spec 6.4. scikit-learn adds 10⁻¹⁰ to the mean of reach; we do not.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BinaryHeap;
 
 use super::index::Index;
@@ -27,7 +28,7 @@ use super::points::Points;
 use crate::error::{Error, Result, require_positive};
 
 /// The outlier factor, and from which value on a point is clutter.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LocalOutlierFactor {
     /// k.
     pub n_neighbors: usize,

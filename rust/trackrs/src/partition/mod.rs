@@ -19,9 +19,17 @@ pub(crate) mod union;
 
 use std::fmt::Debug;
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::{Error, Result};
+use dbscan::DbscanPartition;
+use density_peaks::DensityPeakPartition;
+use distance::DistancePartition;
+use kmeans::KMeansPartition;
 use lof::LocalOutlierFactor;
 pub use points::{Partition, Points};
+use tree::TreePartition;
+use two_level::TwoLevelPartition;
 
 /// Labels that a call may return in all: partitions times points. More would be gigabytes.
 pub const MAX_LABELS: usize = 50_000_000;
@@ -33,6 +41,38 @@ pub trait Partitioner: Debug + Send + Sync {
 
     /// The label of every point where there is one partition; `None` = clutter.
     fn labels(&self, points: &Points) -> Result<Vec<Option<usize>>>;
+}
+
+/// A partitioner held by value, which can be saved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind")]
+pub enum PartitionModel {
+    /// See [`DistancePartition`].
+    Distance(DistancePartition),
+    /// See [`KMeansPartition`].
+    KMeans(KMeansPartition),
+    /// See [`DbscanPartition`].
+    Dbscan(DbscanPartition),
+    /// See [`DensityPeakPartition`].
+    DensityPeaks(DensityPeakPartition),
+    /// See [`TwoLevelPartition`].
+    TwoLevel(TwoLevelPartition),
+    /// See [`TreePartition`].
+    Tree(TreePartition),
+}
+
+impl PartitionModel {
+    /// The partitioner itself.
+    pub fn as_partitioner(&self) -> &dyn Partitioner {
+        match self {
+            Self::Distance(p) => p,
+            Self::KMeans(p) => p,
+            Self::Dbscan(p) => p,
+            Self::DensityPeaks(p) => p,
+            Self::TwoLevel(p) => p,
+            Self::Tree(p) => p,
+        }
+    }
 }
 
 /// The partitions without the points that `clutter_filter` refuses, each of which becomes a cell of its own.

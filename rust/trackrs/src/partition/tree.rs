@@ -16,6 +16,7 @@
 //!
 //! Reference: Gower, Ross 1969 (single linkage from the spanning tree); Ward 1963; Murtagh 1983 (chains); spec 8.2 (forest).
 
+use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
 use super::points::{Partition, Points, squared};
@@ -28,7 +29,7 @@ use crate::error::{Error, Result, require_positive};
 const EXTENT: f64 = 15.0;
 
 /// How clusters are joined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Linkage {
     /// By the shortest distance of two of their points.
     Single,
@@ -50,7 +51,7 @@ pub struct Tree {
 }
 
 /// Cuts of single-linkage and Ward trees.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TreePartition {
     /// The trees.
     pub linkages: Vec<Linkage>,

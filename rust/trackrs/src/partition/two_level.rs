@@ -19,9 +19,10 @@ use super::points::{Partition, Points};
 use super::union::Union;
 use super::{Partitioner, all_labelled};
 use crate::error::{Result, require_positive};
+use serde::{Deserialize, Serialize};
 
 /// Density peaks and merging.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TwoLevelPartition {
     /// The first level.
     pub first: DensityPeakPartition,

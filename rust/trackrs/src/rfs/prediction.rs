@@ -1,0 +1,146 @@
+//! How a mixture gets from one scan to the next: survival, spawning, birth.
+//!
+//! | symbol     | name here | meaning                                                             |
+//! |------------|-----------|---------------------------------------------------------------------|
+//! | p_S        | `survival_probability` | that a target is still there at the next scan          |
+//! | w_l, d_l, Q_l | `Spawn` | what a target may give off: weight, offset, covariance               |
+//! | w_b, m_b, P_b | `Birth` | where targets may appear                                             |
+//!
+//! In this order: survivors w ← p_S w, m ← f(m), P ← F P Fᵀ + Q;  spawned, of each component and each term: w_l w, f(m) + d_l,
+//! F P Fᵀ + Q_l;  births. The weight that a target spawns with is that before it survives.
+//!
+//! Reference: Vo, Ma (2006), eqs. 21 to 29; extended-target spec 3.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::mixture::Component;
+use super::rate::{Rate, RateModel};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_probability, require_size};
+use crate::filter::extended::Rule;
+use crate::filter::kalman::predict_by;
+use crate::gaussian::Gaussian;
+use crate::linalg::symmetric::require_covariance;
+use crate::model::Motion;
+
+/// Where a target may appear.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Birth {
+    /// Expected number of new targets per scan.
+    pub weight: f64,
+    /// Where.
+    pub state: Gaussian,
+}
+
+/// What a target may give off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spawn {
+    /// Expected number per target and scan.
+    pub weight: f64,
+    /// d, length n.
+    #[serde(with = "crate::linalg::saved::vector")]
+    pub offset: DVector<f64>,
+    /// Q_l, n×n, in place of the motion's noise.
+    #[serde(with = "crate::linalg::saved::matrix")]
+    pub cov: DMatrix<f64>,
+}
+
+/// What becomes of targets between scans.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Fate {
+    /// p_S.
+    pub survival_probability: f64,
+    /// Births of every scan.
+    pub births: Vec<Birth>,
+    /// Rate of the newborn.
+    pub birth_rate: Rate,
+    /// What targets give off.
+    pub spawns: Vec<Spawn>,
+}
+
+impl Fate {
+    pub(crate) fn check(&self, states: usize) -> Result<()> {
+        require_probability("survival_probability", self.survival_probability)?;
+        for birth in &self.births {
+            require_non_negative("birth weight", birth.weight)?;
+            require_size("birth state", states, birth.state.dim())?;
+        }
+        for spawn in &self.spawns {
+            require_non_negative("spawn weight", spawn.weight)?;
+            require_size("spawn offset", states, spawn.offset.len())?;
+            require_finite("spawn offset", spawn.offset.iter())?;
+            require_covariance("spawn cov", &spawn.cov, states)?;
+        }
+        Ok(())
+    }
+
+    /// The mixture `dt` seconds later, without the newborn.
+    pub(crate) fn survive(
+        &self,
+        mixture: &[Component],
+        motion: &dyn Motion,
+        rule: Rule,
+        rates: RateModel,
+        dt: f64,
+        next_label: &mut u64,
+    ) -> Result<Vec<Component>> {
+        let mut out = Vec::with_capacity(mixture.len() * (1 + self.spawns.len()) + self.births.len());
+        for component in mixture {
+            out.push(Component {
+                weight: component.weight * self.survival_probability,
+                state: predict_by(rule, &component.state, motion, dt, None)?,
+                rate: rates.predicted(component.rate),
+                label: component.label,
+            });
+        }
+        for component in mixture {
+            for spawn in &self.spawns {
+                let state = &component.state;
+                let moved = motion.propagate(&state.mean, dt);
+                let slope = motion.jacobian(&state.mean, dt);
+                out.push(Component {
+                    weight: component.weight * spawn.weight,
+                    state: Gaussian::new(
+                        moved + &spawn.offset,
+                        &slope * &state.cov * slope.transpose() + &spawn.cov,
+                    )?,
+                    rate: rates.predicted(component.rate),
+                    label: fresh(next_label),
+                });
+            }
+        }
+        Ok(out)
+    }
+
+    /// Adds the newborn, each with a label of its own.
+    pub(crate) fn bear(&self, mixture: &mut Vec<Component>, births: &[Birth], next_label: &mut u64) {
+        for birth in self.births.iter().chain(births).filter(|birth| birth.weight > 0.0) {
+            mixture.push(Component {
+                weight: birth.weight,
+                state: birth.state.clone(),
+                rate: self.birth_rate,
+                label: fresh(next_label),
+            });
+        }
+    }
+}
+
+/// A label that nobody has.
+pub(crate) fn fresh(next_label: &mut u64) -> u64 {
+    let label = *next_label;
+    *next_label = label.saturating_add(1);
+    label
+}
+
+/// That a rate is one.
+pub(crate) fn require_rate(rate: Rate) -> Result<()> {
+    let mean = rate.mean();
+    if mean.is_finite() && mean > 0.0 && rate.shape.is_finite() {
+        return Ok(());
+    }
+    Err(Error::invalid(
+        "detections_per_target",
+        mean,
+        "must be positive and finite",
+    ))
+}

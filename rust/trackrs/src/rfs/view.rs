@@ -1,0 +1,156 @@
+//! A component as a sensor sees it, in axes in which the noise is 1 and everything else diagonal.
+//!
+//! | symbol | name here   | shape | meaning                                                              |
+//! |--------|-------------|-------|----------------------------------------------------------------------|
+//! | ĥ      | `expected`  | m     | measurement that is expected of the component                        |
+//! | L      | `lower`     | m×m   | R = L Lᵀ                                                             |
+//! | A, λ   | `axes`, `spread` | m×m, m | A R Aᵀ = 1,  A H P Hᵀ Aᵀ = diag λ                               |
+//! | B      | `cross`     | n×m   | P Hᵀ Aᵀ                                                              |
+//! | T      | `slope`     | m×n   | A H                                                                  |
+//! | y      |             | m     | A (z̄ − ĥ), angles wrapped                                            |
+//!
+//! A mean z̄ of n measurements has noise R/n, so that with A = Qᵀ L⁻¹, L⁻¹ H P Hᵀ L⁻ᵀ = Q diag λ Qᵀ:
+//!
+//! ln N(stack z; …) = −n/2 (m ln 2π + ln |R|) − ½ Σ ln(n λ_i + 1) − ½ Σ n y_i² / (n λ_i + 1) − ½ tr(R⁻¹ S_W)
+//! K y = B diag(n / (n λ + 1)) y;   P ← (1 − K T) P (1 − K T)ᵀ + K Kᵀ / n
+//!
+//! the O(1) form of the stacked update (extended-target spec 4.2), without a factorisation per cell.
+//! Where S is more than H P Hᵀ + R (curvature, sigma points): P ← P − B diag(n / (n λ + 1)) Bᵀ, the same where h is linear.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::error::Result;
+use crate::filter::extended::{Rule, expect};
+use crate::filter::kalman::LN_TAU;
+use crate::gaussian::Gaussian;
+use crate::linalg::cholesky::Cholesky;
+use crate::linalg::symmetric::{symmetric_eigen, symmetrise};
+use crate::model::Sensor;
+use crate::model::sensor::residual_into;
+
+/// The noise of a sensor, factorised once per scan.
+pub(crate) struct Noise {
+    cov: DMatrix<f64>,
+    lower: Cholesky,
+    /// m ln 2π + ln |R|.
+    pub(crate) log_volume: f64,
+}
+
+impl Noise {
+    pub(crate) fn of(sensor: &dyn Sensor) -> Result<Self> {
+        let cov = sensor.noise();
+        let lower = Cholesky::new(&cov, "measurement noise")?;
+        let log_volume = cov.nrows() as f64 * LN_TAU + lower.log_determinant();
+        Ok(Self { cov, lower, log_volume })
+    }
+
+    /// L⁻¹ z.
+    pub(crate) fn whiten(&self, z: &[f64]) -> DVector<f64> {
+        self.lower.whiten(&DVector::from_column_slice(z))
+    }
+
+    /// R.
+    pub(crate) fn cov(&self) -> &DMatrix<f64> {
+        &self.cov
+    }
+}
+
+/// What a sensor sees of one component.
+pub(crate) struct View {
+    expected: Vec<f64>,
+    axes: Vec<f64>,
+    pub(crate) spread: Vec<f64>,
+    cross: DMatrix<f64>,
+    slope: Option<DMatrix<f64>>,
+}
+
+impl View {
+    pub(crate) fn new(
+        state: &Gaussian,
+        sensor: &dyn Sensor,
+        platform: Option<&DVector<f64>>,
+        rule: Rule,
+        noise: &Noise,
+    ) -> Result<Self> {
+        let (n, m) = (state.dim(), sensor.measurement_dim());
+        let seen = expect(state, sensor, platform, rule)?;
+        let mut inside = seen.prediction.cov() - &noise.cov;
+        // L⁻¹ U L⁻ᵀ, one side after the other.
+        for _ in 0..2 {
+            for mut column in inside.column_iter_mut() {
+                let whitened = noise.lower.whiten(&column.clone_owned());
+                column.copy_from(&whitened);
+            }
+            inside.transpose_mut();
+        }
+        symmetrise(&mut inside);
+        let eigen = symmetric_eigen(&inside)?;
+        let mut inverse = DMatrix::identity(m, m);
+        for mut column in inverse.column_iter_mut() {
+            let whitened = noise.lower.whiten(&column.clone_owned());
+            column.copy_from(&whitened);
+        }
+        let axes = eigen.vectors.transpose() * inverse;
+        let crossing = DMatrix::from_row_slice(m, n, seen.prediction.cross());
+        let slope = (rule == Rule::Once).then(|| &axes * DMatrix::from_row_slice(m, n, seen.prediction.jacobian()));
+        Ok(Self {
+            expected: seen.expected.as_slice().to_vec(),
+            cross: (&axes * crossing).transpose(),
+            axes: axes.transpose().as_slice().to_vec(),
+            spread: eigen.values.iter().map(|value| value.max(0.0)).collect(),
+            slope,
+        })
+    }
+
+    /// y of a measurement, or a mean of them; `scratch` has its length.
+    pub(crate) fn offset(&self, sensor: &dyn Sensor, z: &[f64], scratch: &mut [f64], y: &mut [f64]) {
+        residual_into(sensor, z, &self.expected, scratch);
+        for (y, axis) in y.iter_mut().zip(self.axes.chunks_exact(scratch.len().max(1))) {
+            *y = axis.iter().zip(scratch.iter()).map(|(a, r)| a * r).sum();
+        }
+    }
+
+    /// −½ Σ ln(n λ + 1) − ½ Σ n y² / (n λ + 1).
+    pub(crate) fn log_density(&self, y: &[f64], n: f64) -> f64 {
+        let (mut volume, mut distance) = (1.0, 0.0);
+        for (y, spread) in y.iter().zip(&self.spread) {
+            let factor = n * spread + 1.0;
+            volume *= factor;
+            distance += n * y * y / factor;
+        }
+        -0.5 * (libm::log(volume) + distance)
+    }
+
+    /// y² / (λ + 1): the squared Mahalanobis distance of one measurement.
+    pub(crate) fn distance_squared(&self, y: &[f64]) -> f64 {
+        y.iter()
+            .zip(&self.spread)
+            .map(|(y, spread)| y * y / (spread + 1.0))
+            .sum()
+    }
+
+    /// The component after a mean of n measurements at y; n need not be whole.
+    pub(crate) fn posterior(&self, prior: &Gaussian, y: &[f64], n: f64) -> Gaussian {
+        let mut gain = self.cross.clone();
+        for (mut column, spread) in gain.column_iter_mut().zip(&self.spread) {
+            column *= n / (n * spread + 1.0);
+        }
+        let mean = &prior.mean + &gain * DVector::from_column_slice(y);
+        let mut cov = match &self.slope {
+            Some(slope) => {
+                let mut kept = DMatrix::identity(prior.dim(), prior.dim());
+                kept.gemm(-1.0, &gain, slope, 1.0);
+                let mut cov = &kept * &prior.cov * kept.transpose();
+                cov.gemm(1.0 / n, &gain, &gain.transpose(), 1.0);
+                cov
+            }
+            None => {
+                let mut cov = prior.cov.clone();
+                cov.gemm(-1.0, &gain, &self.cross.transpose(), 1.0);
+                cov
+            }
+        };
+        symmetrise(&mut cov);
+        Gaussian { mean, cov }
+    }
+}
