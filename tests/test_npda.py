@@ -20,10 +20,11 @@ INITIAL = [
     for x, p in zip(DATA["x0"], DATA["P0"], strict=True)
 ]
 RADAR = tr.RangeBearing(position=(0, 0), range_std=20.0, bearing_std=1e-3)
+COUNTING = tr.MofN(3, 5, max_speed=1e6)
 GATE_16 = 1.0 - np.exp(-8.0)  # two components
 
 
-def make_tracker(associator, *, gate=1.0, initial=INITIAL, initiator=tr.MofN(3, 5, max_speed=1e6), **changes):
+def make_tracker(associator, *, gate=1.0, initial=INITIAL, initiator=COUNTING, **changes):
     return tr.MultiTargetTracker(
         tr.ConstantVelocity(dims=2, accel_std=2.0),
         sensors={"radar": RADAR},

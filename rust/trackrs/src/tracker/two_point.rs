@@ -16,7 +16,7 @@
 //!    two ([`crate::filter::start`]). Further derivatives are as in a start from one report.
 //! 4. A report without a partner waits itself.
 //!
-//! Reference: spec label N14; Bar-Shalom, Li, Kirubarajan (2001), §5.5.3 (two-point differencing).
+//! Reference: spec label N14; Bar-Shalom, Li, Kirubarajan (2001), §5.5 (two-point differencing).
 //! Deviation: both reports of a pair are never of one scan, because a target gives a scan at most one report.
 
 use std::ops::Range;
