@@ -35,7 +35,7 @@ use super::mixture::Component;
 use super::rate::RateModel;
 use super::sums::{log_add, log_sum};
 use super::view::{Noise, View};
-use crate::error::{Error, Result, require_non_negative, require_positive};
+use crate::error::{Error, Result};
 use crate::filter::extended::Rule;
 use crate::model::Sensor;
 use crate::partition::lof::LocalOutlierFactor;
@@ -47,10 +47,6 @@ const GATE: f64 = 0.999;
 /// How measurements become targets.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ExtendedUpdate {
-    /// p_D, in (0, 1].
-    pub detection_probability: f64,
-    /// κ.
-    pub clutter_density: f64,
     /// How the rates of targets are treated.
     pub rates: RateModel,
     /// How measurements are divided into cells.
@@ -71,6 +67,19 @@ pub struct Sight<'a> {
     pub platform: Option<&'a DVector<f64>>,
     /// How h is linearised.
     pub rule: Rule,
+    /// p_D, in (0, 1].
+    pub detection_probability: f64,
+    /// κ.
+    pub clutter_density: f64,
+}
+
+/// What an update gives.
+pub struct Updated {
+    /// The mixture, not reduced: first all components as missed.
+    pub components: Vec<Component>,
+    /// Components that could not be compared with the scan, because the sensor stands on them or their covariance is not
+    /// positive definite. They stay as they were.
+    pub skipped: usize,
 }
 
 /// Everything that a block needs of the scan.
@@ -87,34 +96,32 @@ struct Scene<'a> {
 impl ExtendedUpdate {
     /// `Ok` if every parameter is in its domain and this sensor can be used.
     pub fn check(&self, sensor: &dyn Sensor) -> Result<()> {
-        require_positive("detection_probability", self.detection_probability)?;
-        if self.detection_probability > 1.0 {
-            return Err(Error::invalid(
-                "detection_probability",
-                self.detection_probability,
-                "must not be above 1",
-            ));
-        }
-        require_non_negative("clutter_density", self.clutter_density)?;
         if sensor.rotation().is_some() {
             return Err(Error::invalid("sensor", "a pose", "cannot give cells of measurements"));
         }
         self.rates.check()
     }
 
-    /// The mixture after a scan of complete measurements, m numbers each, not reduced: first all components as missed.
-    pub fn update(&self, mixture: &[Component], measurements: &[f64], sight: &Sight<'_>) -> Result<Vec<Component>> {
-        let mut out: Vec<Component> = mixture.to_vec();
-        for component in &mut out {
-            let seen = self.detection_probability * (1.0 - self.rates.silent(component.rate));
-            component.weight *= 1.0 - seen;
-        }
-        if measurements.is_empty() || mixture.is_empty() {
-            return Ok(out);
-        }
+    /// The mixture after a scan of complete measurements, m numbers each.
+    pub fn update(&self, mixture: &[Component], measurements: &[f64], sight: &Sight<'_>) -> Result<Updated> {
         let m = sight.sensor.measurement_dim().max(1);
         let z = unwrapped(measurements, m, sight.sensor.angles());
-        let scene = Scene::new(self, mixture, sight, z.len() / m)?;
+        let noise = Noise::of(sight.sensor)?;
+        let mut views = Vec::with_capacity(mixture.len());
+        let (mut seen, mut components) = (Vec::with_capacity(mixture.len()), mixture.to_vec());
+        for component in &mut components {
+            let view = View::new(&component.state, sight.sensor, sight.platform, sight.rule, &noise);
+            if let Ok(view) = view {
+                views.push(view);
+                seen.push(component.clone());
+                component.weight *= 1.0 - sight.detection_probability * (1.0 - self.rates.silent(component.rate));
+            }
+        }
+        let skipped = mixture.len() - seen.len();
+        if z.is_empty() || seen.is_empty() {
+            return Ok(Updated { components, skipped });
+        }
+        let scene = Scene::new(self, &seen, views, noise, sight, z.len() / m);
         for block in scene.blocks(&z)? {
             if block.measurements.is_empty() {
                 continue;
@@ -123,26 +130,31 @@ impl ExtendedUpdate {
             for &i in &block.measurements {
                 part.extend_from_slice(&z[i * m..(i + 1) * m]);
             }
-            scene.resolve(&block, &part, &mut out)?;
+            scene.resolve(&block, &part, &mut components)?;
         }
-        Ok(out)
+        Ok(Updated { components, skipped })
     }
 }
 
 impl<'a> Scene<'a> {
     /// The scene of a scan with so many measurements.
-    fn new(update: &'a ExtendedUpdate, mixture: &'a [Component], sight: &'a Sight<'a>, count: usize) -> Result<Self> {
-        let noise = Noise::of(sight.sensor)?;
-        let view = |c: &Component| View::new(&c.state, sight.sensor, sight.platform, sight.rule, &noise);
-        Ok(Self {
+    fn new(
+        update: &'a ExtendedUpdate,
+        mixture: &'a [Component],
+        views: Vec<View>,
+        noise: Noise,
+        sight: &'a Sight<'a>,
+        count: usize,
+    ) -> Self {
+        Self {
             update,
             sight,
-            log_clutter: libm::log(update.clutter_density),
+            log_clutter: libm::log(sight.clutter_density),
             mixture,
-            views: mixture.iter().map(view).collect::<Result<Vec<View>>>()?,
+            views,
             log_counts: mixture.iter().map(|c| update.rates.log_counts(c.rate, count)).collect(),
             noise,
-        })
+        }
     }
 
     fn dims(&self) -> usize {
@@ -231,7 +243,7 @@ impl<'a> Scene<'a> {
     fn log_likelihoods(&self, cells: &Cells) -> Vec<f64> {
         let m = self.dims();
         let (mut scratch, mut y) = (vec![0.0; m], vec![0.0; m]);
-        let log_detected = libm::log(self.update.detection_probability);
+        let log_detected = libm::log(self.sight.detection_probability);
         let priors: Vec<f64> = self
             .mixture
             .iter()
@@ -280,7 +292,7 @@ impl<'a> Scene<'a> {
         let model = Superposition {
             log_clutter: self.log_clutter,
             log_volume: self.noise.log_volume,
-            detection_probability: self.update.detection_probability,
+            detection_probability: self.sight.detection_probability,
             dims: self.dims(),
         };
         model.weigh(&self.members(components, z), log_evidence)
@@ -302,10 +314,10 @@ impl<'a> Scene<'a> {
                     }
                     Some(_) => {}
                     None => {
-                        let missed = 1.0 - self.update.detection_probability;
+                        let missed = 1.0 - self.sight.detection_probability;
                         let r = Member::existence(self.mixture[j].weight);
                         out.push(Component {
-                            weight: weight * r * missed / (1.0 - r * self.update.detection_probability),
+                            weight: weight * r * missed / (1.0 - r * self.sight.detection_probability),
                             ..self.mixture[j].clone()
                         });
                     }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMap;
+use super::intake::unknown_sensor;
 use super::lifecycle::{Deletion, Initiator, MofN};
 use super::moments::TrackFilter;
 use crate::association::associator::Associator;
@@ -126,13 +127,10 @@ impl TrackerConfig {
         }
     }
 
-    /// An error that names a sensor the tracker does not have.
-    pub fn unknown_sensor(&self, sensor: &str) -> Error {
-        let known: Vec<String> = self.sensors.keys().map(|name| format!("\"{name}\"")).collect();
-        Error::UnknownSensor {
-            sensor: sensor.into(),
-            known: known.join(", "),
-        }
+    /// The sensor of this name.
+    pub fn sensor(&self, name: &str) -> Result<&SensorModel> {
+        let found = self.sensors.get(name);
+        found.ok_or_else(|| unknown_sensor(name, self.sensors.keys()))
     }
 
     fn check_association(&self) -> Result<()> {
@@ -177,9 +175,6 @@ impl TrackerConfig {
     }
 
     fn require_sensor(&self, sensor: &str) -> Result<()> {
-        if self.sensors.contains_key(sensor) {
-            return Ok(());
-        }
-        Err(self.unknown_sensor(sensor))
+        self.sensor(sensor).map(|_| ())
     }
 }

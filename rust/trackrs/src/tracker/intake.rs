@@ -1,18 +1,100 @@
-//! What the tracker takes in: scans and rows are checked, what is refused is booked and told.
+//! What a tracker takes in: scans and rows are checked, what is refused is booked and told.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
 
 use super::look::Row;
-use super::multi_target::MultiTargetTracker;
-use crate::error::Result;
-use crate::event::{Event, EventCode};
-use crate::model::Sensor;
+use crate::error::{Error, Result, require_finite};
+use crate::event::{Event, EventCode, EventLog, Ledger};
 use crate::model::sensor::check_platform;
+use crate::model::{Sensor, SensorModel};
 use crate::scan::{Scan, bit_pattern};
 
-impl MultiTargetTracker {
+/// The clock and the books of a tracker.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Intake {
+    pub(super) time: Option<f64>,
+    last_scans: BTreeMap<String, Scan>,
+    pub(super) events: EventLog,
+    pub(super) ledger: Ledger,
+}
+
+/// What reports must have to take part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Needs {
+    /// One component; times of their own are welcome.
+    Something,
+    /// All components, and the time of the scan.
+    Everything,
+}
+
+/// An error that names a sensor the tracker does not have.
+pub(super) fn unknown_sensor<'a>(sensor: &str, known: impl Iterator<Item = &'a String>) -> Error {
+    let known: Vec<String> = known.map(|name| format!("\"{name}\"")).collect();
+    Error::UnknownSensor {
+        sensor: sensor.into(),
+        known: known.join(", "),
+    }
+}
+
+impl Intake {
+    /// A strict one turns the first event into an error.
+    pub(super) fn new(time: Option<f64>, strict: bool) -> Self {
+        Self {
+            time,
+            last_scans: BTreeMap::new(),
+            events: EventLog::new(strict),
+            ledger: Ledger::default(),
+        }
+    }
+
+    /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
+    pub(super) fn check_run<'a>(&self, scans: &[Scan], find: impl Fn(&str) -> Result<&'a SensorModel>) -> Result<()> {
+        let mut previous = self.time.unwrap_or(f64::NEG_INFINITY);
+        for scan in scans {
+            find(&scan.sensor)?;
+            require_finite("scan time", [&scan.time])?;
+            if scan.time < previous {
+                return Err(Error::TimeReversed {
+                    time: scan.time,
+                    previous,
+                });
+            }
+            previous = scan.time;
+        }
+        Ok(())
+    }
+
+    /// The rows of a scan that take part, in the order of their times; every row is booked. None if the scan cannot be used;
+    /// without a sensor it cannot, for the reason given.
+    pub(super) fn admit(
+        &mut self,
+        scan: &Scan,
+        sensor: std::result::Result<&SensorModel, String>,
+        needs: Needs,
+    ) -> Result<Option<Vec<Row>>> {
+        self.ledger.rows_in += scan.values.len() as u64;
+        let admitted = match sensor {
+            Err(unknown) => Err((EventCode::UnknownSensor, unknown)),
+            Ok(sensor) => self.refusal(scan, sensor, needs).map_or(Ok(sensor), Err),
+        };
+        match admitted {
+            Err((code, reason)) => {
+                self.ledger.drop_rows(code, scan.values.len() as u64);
+                self.record(scan, code, None, &reason)?;
+                Ok(None)
+            }
+            Ok(sensor) => {
+                let rows = self.usable_rows(scan, sensor.measurement_dim(), needs)?;
+                self.ledger.used += rows.len() as u64;
+                self.last_scans.insert(scan.sensor.clone(), scan.clone());
+                Ok(Some(rows))
+            }
+        }
+    }
+
     pub(super) fn record(&mut self, scan: &Scan, code: EventCode, row: Option<usize>, reason: &str) -> Result<()> {
         self.events.record(Event {
             code,
@@ -24,13 +106,7 @@ impl MultiTargetTracker {
     }
 
     /// Why a whole scan cannot be used, if so.
-    pub(super) fn refusal(&self, scan: &Scan) -> Option<(EventCode, String)> {
-        let Some(sensor) = self.config.sensors.get(&scan.sensor) else {
-            return Some((
-                EventCode::UnknownSensor,
-                self.config.unknown_sensor(&scan.sensor).to_string(),
-            ));
-        };
+    fn refusal(&self, scan: &Scan, sensor: &SensorModel, needs: Needs) -> Option<(EventCode, String)> {
         if !scan.time.is_finite() {
             return Some((EventCode::BadScan, format!("its time is {}", scan.time)));
         }
@@ -49,6 +125,9 @@ impl MultiTargetTracker {
             let reason = format!("it has {} reports and {} times", scan.values.len(), times.len());
             return Some((EventCode::BadScan, reason));
         }
+        if needs == Needs::Everything && scan.times.is_some() {
+            return Some((EventCode::BadScan, "its reports have times of their own".into()));
+        }
         match self.time {
             Some(now) if scan.time < now => Some((EventCode::LateScan, format!("the tracker stands at {now} s"))),
             _ => None,
@@ -56,8 +135,7 @@ impl MultiTargetTracker {
     }
 
     /// The rows that take part, in the order of their times; the others are booked.
-    pub(super) fn usable_rows(&mut self, scan: &Scan) -> Result<Vec<Row>> {
-        let width = self.config.sensors.get(&scan.sensor).map_or(0, Sensor::measurement_dim);
+    fn usable_rows(&mut self, scan: &Scan, width: usize, needs: Needs) -> Result<Vec<Row>> {
         let mut seen = HashSet::new();
         let mut rows = Vec::with_capacity(scan.values.len());
         for (index, row) in scan.values.iter().enumerate() {
@@ -71,6 +149,8 @@ impl MultiTargetTracker {
                 Some((EventCode::NonFinite, "it holds an infinite value".into()))
             } else if row.iter().all(|v| v.is_nan()) {
                 Some((EventCode::NotObserved, "no component was observed".into()))
+            } else if needs == Needs::Everything && row.iter().any(|v| v.is_nan()) {
+                Some((EventCode::NotObserved, "a component was not observed".into()))
             } else if !(time <= scan.time && time > f64::NEG_INFINITY) {
                 Some((
                     EventCode::BadTime,

@@ -76,7 +76,9 @@ impl MultiTargetTracker {
         for track in group.members(&self.tracks) {
             match self.compare(look, &priors[track], &epochs, &open) {
                 Ok(member) => members.push(Member { track, ..member }),
-                Err(error) => self.record(look.scan, EventCode::TrackSkipped, None, &error.to_string())?,
+                Err(error) => self
+                    .intake
+                    .record(look.scan, EventCode::TrackSkipped, None, &error.to_string())?,
             }
         }
         let odds = self.config.odds(&look.scan.sensor);
@@ -90,7 +92,7 @@ impl MultiTargetTracker {
             }
         };
         if let Some(how) = &association.approximation {
-            self.record(look.scan, EventCode::Approximated, None, how)?;
+            self.intake.record(look.scan, EventCode::Approximated, None, how)?;
         }
         for (member, shares) in members.iter().zip(&association.tracks) {
             let state = self.mixture(member, shares, &epochs)?;

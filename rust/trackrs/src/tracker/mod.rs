@@ -9,6 +9,7 @@ mod live;
 mod look;
 pub mod moments;
 pub mod multi_target;
+pub mod phd;
 mod population;
 mod sequential;
 mod two_point;

@@ -23,7 +23,7 @@ pub enum TrackFilter {
 }
 
 impl TrackFilter {
-    fn rule(self) -> Rule {
+    pub(super) fn rule(self) -> Rule {
         match self {
             Self::Extended => Rule::Once,
             Self::SecondOrder => Rule::SecondOrder,

@@ -14,12 +14,11 @@
 //!
 //! Sensors are taken one after the other as their scans come; a scan updates only what its own sensor can see.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMapState;
 use super::config::TrackerConfig;
+use super::intake::{Intake, Needs};
 use super::joint::Group;
 use super::lifecycle::{Initiator, Start, Window};
 use super::live::LiveTrack;
@@ -38,16 +37,13 @@ use crate::track::Track;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct MultiTargetTracker {
     pub(super) config: TrackerConfig,
-    pub(super) time: Option<f64>,
+    pub(super) intake: Intake,
     pub(super) tracks: Vec<LiveTrack>,
     /// Reports that wait for a second one to begin a track with, in the order of their times.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) waiting: Vec<Waiting>,
     pub(super) next_id: u64,
     pub(super) clutter: Option<ClutterMapState>,
-    pub(super) last_scans: BTreeMap<String, Scan>,
-    pub(super) events: EventLog,
-    pub(super) ledger: Ledger,
 }
 
 impl MultiTargetTracker {
@@ -55,19 +51,16 @@ impl MultiTargetTracker {
     pub fn new(config: TrackerConfig) -> Result<Self> {
         config.check()?;
         let mut tracker = Self {
-            time: config.initial.iter().map(|s| s.time).reduce(f64::max),
+            intake: Intake::new(config.initial.iter().map(|s| s.time).reduce(f64::max), config.strict),
             tracks: Vec::new(),
             waiting: Vec::new(),
             next_id: 1,
             clutter: config.clutter_map.map(ClutterMapState::new),
-            last_scans: BTreeMap::new(),
-            events: EventLog::new(config.strict),
-            ledger: Ledger::default(),
             config,
         };
         for start in tracker.config.initial.clone() {
             // All are brought to the latest of their times, so that one clock serves the whole tracker.
-            let ahead = tracker.time.map_or(0.0, |now| now - start.time);
+            let ahead = tracker.intake.time.map_or(0.0, |now| now - start.time);
             let track = LiveTrack {
                 id: Some(tracker.next_id),
                 stored: tracker.stored(&start.state, start.time),
@@ -101,12 +94,12 @@ impl MultiTargetTracker {
 
     /// What was refused or repaired so far.
     pub fn events(&self) -> &EventLog {
-        &self.events
+        &self.intake.events
     }
 
     /// Where every row went so far.
     pub fn ledger(&self) -> &Ledger {
-        &self.ledger
+        &self.intake.ledger
     }
 
     /// The confirmed tracks at the time of the last scan.
@@ -114,7 +107,7 @@ impl MultiTargetTracker {
         let report = |track: &LiveTrack| {
             track.id.map(|id| Track {
                 id,
-                time: self.time.unwrap_or(track.last_hit),
+                time: self.intake.time.unwrap_or(track.last_hit),
                 state: track.state.clone(),
                 last_hit: track.last_hit,
                 hits: track.hits,
@@ -126,43 +119,24 @@ impl MultiTargetTracker {
 
     /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
     pub fn check_run(&self, scans: &[Scan]) -> Result<()> {
-        let mut previous = self.time.unwrap_or(f64::NEG_INFINITY);
-        for scan in scans {
-            if !self.config.sensors.contains_key(&scan.sensor) {
-                return Err(self.config.unknown_sensor(&scan.sensor));
-            }
-            require_finite("scan time", [&scan.time])?;
-            if scan.time < previous {
-                return Err(Error::TimeReversed {
-                    time: scan.time,
-                    previous,
-                });
-            }
-            previous = scan.time;
-        }
-        Ok(())
+        self.intake.check_run(scans, |sensor| self.config.sensor(sensor))
     }
 
     /// Takes in all scans, which must be in the order of their times, and returns the confirmed tracks after each.
     pub fn run(&mut self, scans: &[Scan]) -> Result<Vec<Vec<Track>>> {
         self.check_run(scans)?;
         let tracks = scans.iter().map(|scan| self.step(scan)).collect::<Result<_>>()?;
-        self.ledger.check()?;
+        self.intake.ledger.check()?;
         Ok(tracks)
     }
 
     /// Takes in one scan and returns the confirmed tracks at its time. A scan that cannot be used leaves the tracks as
     /// they were and is recorded as an event.
     pub fn step(&mut self, scan: &Scan) -> Result<Vec<Track>> {
-        self.ledger.rows_in += scan.values.len() as u64;
-        if let Some((code, reason)) = self.refusal(scan) {
-            self.ledger.drop_rows(code, scan.values.len() as u64);
-            self.record(scan, code, None, &reason)?;
+        let sensor = self.config.sensor(&scan.sensor).map_err(|error| error.to_string());
+        let Some(reports) = self.intake.admit(scan, sensor, Needs::Something)? else {
             return Ok(self.tracks());
-        }
-        let reports = self.usable_rows(scan)?;
-        self.ledger.used += reports.len() as u64;
-        self.last_scans.insert(scan.sensor.clone(), scan.clone());
+        };
         let sensors = self.config.sensors.iter().enumerate();
         if let Some((index, (_, sensor))) = sensors.into_iter().find(|(_, (name, _))| **name == scan.sensor) {
             let mut look = Look::new(scan, index, sensor.clone(), reports);
@@ -207,7 +181,9 @@ impl MultiTargetTracker {
 
     fn check_restored(&self) -> Result<()> {
         self.config.check()?;
-        self.time.map_or(Ok(()), |time| require_finite("time", [&time]))?;
+        self.intake
+            .time
+            .map_or(Ok(()), |time| require_finite("time", [&time]))?;
         for report in &self.waiting {
             report.check_restored(self.config.motion.position_dims(), self.config.sensors.len())?;
         }
@@ -232,15 +208,15 @@ impl MultiTargetTracker {
 
     /// Ends what cannot go on to the scan's time, and puts the clock there. Returns where the tracks stand.
     fn begin(&mut self, scan: &Scan) -> Result<f64> {
-        let before = self.time.unwrap_or(scan.time);
+        let before = self.intake.time.unwrap_or(scan.time);
         let dt = scan.time - before;
-        self.time = Some(scan.time);
+        self.intake.time = Some(scan.time);
         if self.config.max_gap.is_some_and(|gap| dt > gap) {
             self.waiting.clear();
             if !self.tracks.is_empty() {
                 let reason = format!("{dt} s without a scan: {} tracks ended", self.tracks.len());
                 self.tracks.clear();
-                self.record(scan, EventCode::GapReset, None, &reason)?;
+                self.intake.record(scan, EventCode::GapReset, None, &reason)?;
             }
         }
         if let Initiator::Existence(rule) = self.config.initiator {
@@ -280,6 +256,6 @@ impl MultiTargetTracker {
         }
         self.tracks.retain(LiveTrack::is_finite);
         let reason = format!("{count} tracks ended: {what} is not finite");
-        self.record(scan, EventCode::TrackDiverged, None, &reason)
+        self.intake.record(scan, EventCode::TrackDiverged, None, &reason)
     }
 }

@@ -133,7 +133,8 @@ impl MultiTargetTracker {
             }
             if !position.mean.iter().chain(position.cov.iter()).all(|v| v.is_finite()) {
                 let reason = "the position of a report is not finite: it begins no track";
-                self.record(look.scan, EventCode::TrackDiverged, Some(row), reason)?;
+                self.intake
+                    .record(look.scan, EventCode::TrackDiverged, Some(row), reason)?;
                 continue;
             }
             // Exactly symmetric, as it is saved.
@@ -154,7 +155,8 @@ impl MultiTargetTracker {
     fn has_room(&mut self, look: &Look, row: usize) -> Result<bool> {
         let room = self.tracks.len() + self.waiting.len() < self.config.max_tracks;
         if !room {
-            self.record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
+            self.intake
+                .record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
         }
         Ok(room)
     }

@@ -82,7 +82,9 @@ impl MultiTargetTracker {
                         pair,
                     }));
                 }
-                Err(error) => self.record(look.scan, EventCode::TrackSkipped, Some(row), &error.to_string())?,
+                Err(error) => self
+                    .intake
+                    .record(look.scan, EventCode::TrackSkipped, Some(row), &error.to_string())?,
             }
         }
         Ok(out)

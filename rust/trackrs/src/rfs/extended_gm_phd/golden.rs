@@ -87,8 +87,6 @@ impl Case {
             Self {
                 constant: (value["gamma_mode"] == "const").then(|| number(&value["gamma"])),
                 update: ExtendedUpdate {
-                    detection_probability: number(&value["pD"]),
-                    clutter_density: libm::exp(number(&value["log_kappa"])),
                     rates,
                     partition: PartitionModel::Tree(tree),
                     clutter_filter: None,
@@ -152,12 +150,21 @@ fn sensor() -> PositionSensor {
     PositionSensor::new(vec![20.0; 2]).unwrap()
 }
 
-fn sight(sensor: &PositionSensor) -> Sight<'_> {
+fn sight<'a>(sensor: &'a PositionSensor, case: &Case) -> Sight<'a> {
     Sight {
+        detection_probability: number(&case.value["pD"]),
+        clutter_density: libm::exp(case.log_clutter()),
         sensor,
         platform: None,
         rule: Rule::Once,
     }
+}
+
+fn scene<'a>(case: &'a Case, predicted: &'a [Component], sight: &'a Sight<'a>) -> Scene<'a> {
+    let noise = Noise::of(sight.sensor).unwrap();
+    let view = |c: &Component| View::new(&c.state, sight.sensor, None, sight.rule, &noise).unwrap();
+    let views = predicted.iter().map(view).collect();
+    Scene::new(&case.update, predicted, views, noise, sight, 6)
 }
 
 fn members(value: &Value) -> Vec<Vec<usize>> {
@@ -215,8 +222,8 @@ fn prediction_and_reduction() {
 /// Cells, their weights and shares, and the posterior, for divisions that the file gives.
 fn check_divisions(case: &Case, part: &Value, make: impl FnOnce(&mut Cells) -> Divisions, what: &str) {
     let (sensor, predicted, z) = (sensor(), case.predicted(), case.measurements());
-    let sight = sight(&sensor);
-    let scene = Scene::new(&case.update, &predicted, &sight, z.len() / 2).unwrap();
+    let sight = sight(&sensor, case);
+    let scene = scene(case, &predicted, &sight);
     let mut cells = Cells::singles(&z, &scene.noise);
     let divisions = make(&mut cells);
     let likelihoods = scene.log_likelihoods(&cells);
@@ -259,7 +266,7 @@ fn check_divisions(case: &Case, part: &Value, make: impl FnOnce(&mut Cells) -> D
         measurements: (0..z.len() / 2).collect(),
         members: vec![],
     };
-    let mut out = case.update.update(&predicted, &[], &sight).unwrap();
+    let mut out = case.update.update(&predicted, &[], &sight).unwrap().components;
     scene.weigh(&block, &z, &cells, &divisions, &mut out);
     case.assert_mixture(&out, &part["posterior"], what);
 }
@@ -325,8 +332,8 @@ fn trees_weigh_as_they_must() {
 fn blocks_and_the_mean_field() {
     for case in Case::all() {
         let (sensor, predicted, z) = (sensor(), mixture(&case.value["predicted"]), case.measurements());
-        let sight = sight(&sensor);
-        let scene = Scene::new(&case.update, &predicted, &sight, z.len() / 2).unwrap();
+        let sight = sight(&sensor, &case);
+        let scene = scene(&case, &predicted, &sight);
         let blocks = scene.blocks(&z).unwrap();
         for (block, expected) in blocks.iter().zip(case.value["blocks"].as_array().unwrap()) {
             assert_eq!(block.measurements, indices(&expected["measurements"]));
@@ -369,12 +376,16 @@ fn blocks_and_the_mean_field() {
 fn the_whole_update() {
     for case in Case::all() {
         let sensor = sensor();
-        let sight = sight(&sensor);
+        let sight = sight(&sensor, &case);
         let predicted = case.predicted();
-        let found = case.update.update(&predicted, &case.measurements(), &sight).unwrap();
+        let found = case
+            .update
+            .update(&predicted, &case.measurements(), &sight)
+            .unwrap()
+            .components;
         let part = &case.value["group_update"];
         case.assert_mixture(&found, &part["posterior"], "update");
-        let scene = Scene::new(&case.update, &predicted, &sight, 6).unwrap();
+        let scene = scene(&case, &predicted, &sight);
         let joint: f64 = verdict(&scene, &case)
             .hypotheses
             .iter()

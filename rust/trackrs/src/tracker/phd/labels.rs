@@ -1,0 +1,110 @@
+//! Whose a component is, and from when to when that is a track.
+//!
+//! 1. Targets are extracted from the heaviest component to the lightest; a component of weight w stands for ⌊w + ½⌋.
+//! 2. Each gets the component's label; where a heavier one has it already, or for a second copy, another label that was merged
+//!    into the component, and if all of these are taken a new one.
+//! 3. A component with several copies is divided into them, equal weights, so that from now on each has its own label.
+//! 4. A label is a confirmed track from its `confirm_after`-th extraction on, and none any more after `end_after` scans without.
+//!
+//! Reference: extended-target spec 10; Panta, Clark, Vo (2009), Data association and track management for the Gaussian
+//! mixture probability hypothesis density filter, IEEE TAES 45(3).
+
+use std::collections::{BTreeMap, HashSet};
+
+use serde::{Deserialize, Serialize};
+
+use super::config::Confirmation;
+use crate::rfs::mixture::{Component, Merged};
+use crate::rfs::prediction::fresh;
+use crate::track::Track;
+
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Candidate {
+    /// Identity, once it is confirmed.
+    id: Option<u64>,
+    extractions: u64,
+    misses: u32,
+}
+
+/// The labels that were extracted lately.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct Labels {
+    candidates: BTreeMap<u64, Candidate>,
+    tracks: u64,
+    pub(super) next_label: u64,
+}
+
+/// A mixture with one component for every extracted target, and the confirmed tracks.
+pub(super) struct Extraction {
+    pub(super) mixture: Vec<Component>,
+    pub(super) tracks: Vec<Track>,
+}
+
+impl Labels {
+    /// Extracts targets from a reduced mixture.
+    pub(super) fn extract(&mut self, merged: Vec<Merged>, time: f64, rule: Confirmation) -> Extraction {
+        let mut order: Vec<usize> = (0..merged.len()).collect();
+        order.sort_by(|&a, &b| merged[b].component.weight.total_cmp(&merged[a].component.weight));
+        let mut names: Vec<Vec<u64>> = vec![Vec::new(); merged.len()];
+        let mut taken = HashSet::new();
+        for &i in &order {
+            let mut free = merged[i].labels.iter().copied();
+            for _ in 0..merged[i].component.copies() {
+                let label = free
+                    .by_ref()
+                    .find(|label| !taken.contains(label))
+                    .unwrap_or_else(|| fresh(&mut self.next_label));
+                taken.insert(label);
+                names[i].push(label);
+            }
+        }
+        let mut mixture = Vec::with_capacity(merged.len());
+        let mut tracks = Vec::new();
+        for (Merged { component, .. }, names) in merged.into_iter().zip(names) {
+            if names.is_empty() {
+                mixture.push(component);
+                continue;
+            }
+            let weight = component.weight / names.len() as f64;
+            for label in names {
+                let copy = Component {
+                    weight,
+                    label,
+                    ..component.clone()
+                };
+                tracks.extend(self.extracted(&copy, time, rule));
+                mixture.push(copy);
+            }
+        }
+        self.candidates.retain(|label, candidate| {
+            if !taken.contains(label) {
+                candidate.misses += 1;
+            }
+            candidate.misses < rule.end_after
+        });
+        tracks.sort_by_key(|track| track.id);
+        Extraction { mixture, tracks }
+    }
+
+    fn extracted(&mut self, target: &Component, time: f64, rule: Confirmation) -> Option<Track> {
+        let candidate = self.candidates.entry(target.label).or_insert(Candidate {
+            id: None,
+            extractions: 0,
+            misses: 0,
+        });
+        candidate.extractions += 1;
+        candidate.misses = 0;
+        if candidate.id.is_none() && candidate.extractions >= u64::from(rule.confirm_after) {
+            self.tracks += 1;
+            candidate.id = Some(self.tracks);
+        }
+        candidate.id.map(|id| Track {
+            id,
+            time,
+            state: target.state.clone(),
+            last_hit: time,
+            hits: candidate.extractions,
+            existence: Some(target.weight.min(1.0)),
+        })
+    }
+}

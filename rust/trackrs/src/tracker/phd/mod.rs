@@ -1,0 +1,273 @@
+//! Tracks from an intensity: scans in, confirmed tracks out, by a mixture of Gaussians whose weights add to the expected number
+//! of targets.
+//!
+//! For each scan:
+//! 1. its rows are checked; what is refused becomes an event, and every row is booked in the ledger. A row with a missing
+//!    component is refused, as is a scan whose reports have times of their own;
+//! 2. if time has passed, targets survive, move, spawn and are born ([`crate::rfs::prediction`]);
+//! 3. the scan updates the mixture ([`crate::rfs::extended_gm_phd`]), which is then reduced ([`crate::rfs::mixture`]);
+//! 4. targets are extracted and get their labels (`labels.rs`);
+//! 5. with adaptive birth, measurements that no component of weight gates leave births for the next scan: one in the middle of
+//!    each set of them that hangs together.
+//!
+//! Reference: extended-target spec 3 to 5 and 10; Ristic, Clark, Vo, Vo (2012), Adaptive target birth intensity for PHD and
+//! CPHD filters, IEEE TAES 48(2), for 5, here with cells in place of single measurements.
+
+pub mod config;
+mod labels;
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use self::config::{AdaptiveBirth, PhdConfig, Watch};
+use self::labels::Labels;
+use super::intake::{Intake, Needs};
+use super::lifecycle::start_state;
+use super::look::Row;
+use crate::error::{Error, Result, require_finite, require_size};
+use crate::event::{EventCode, EventLog, Ledger};
+use crate::filter::kalman::predict_by;
+use crate::model::{Motion, Sensor};
+use crate::partition::distance::{DistancePartition, Thresholds};
+use crate::partition::{Partitioner, Points};
+use crate::rfs::extended_gm_phd::Sight;
+use crate::rfs::mixture::Component;
+use crate::rfs::prediction::Birth;
+use crate::scan::Scan;
+use crate::state;
+use crate::stats::chi_square;
+use crate::track::Track;
+
+/// Components below this weight explain no measurement.
+const EXPLAINS: f64 = 0.1;
+/// Measurements hang together up to this quantile of the distance of two of one target.
+const LINK: f64 = 0.8;
+/// Gate in which a component explains measurements.
+const GATE: f64 = 0.999;
+
+/// The tracker.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct PhdTracker {
+    config: PhdConfig,
+    intake: Intake,
+    mixture: Vec<Component>,
+    tracks: Vec<Track>,
+    labels: Labels,
+    pending: Vec<Birth>,
+}
+
+impl PhdTracker {
+    /// A tracker that has seen nothing yet.
+    pub fn new(config: PhdConfig) -> Result<Self> {
+        config.check()?;
+        Ok(Self {
+            intake: Intake::new(None, config.strict),
+            mixture: Vec::new(),
+            tracks: Vec::new(),
+            labels: Labels::default(),
+            pending: Vec::new(),
+            config,
+        })
+    }
+
+    /// What defines it.
+    pub fn config(&self) -> &PhdConfig {
+        &self.config
+    }
+
+    /// What was refused or repaired so far.
+    pub fn events(&self) -> &EventLog {
+        &self.intake.events
+    }
+
+    /// Where every row went so far.
+    pub fn ledger(&self) -> &Ledger {
+        &self.intake.ledger
+    }
+
+    /// The intensity after the last scan.
+    pub fn mixture(&self) -> &[Component] {
+        &self.mixture
+    }
+
+    /// Expected number of targets after the last scan.
+    pub fn expected_targets(&self) -> f64 {
+        self.mixture.iter().map(|component| component.weight).sum()
+    }
+
+    /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
+    pub fn check_run(&self, scans: &[Scan]) -> Result<()> {
+        self.intake
+            .check_run(scans, |name| self.config.watch(name).map(|watch| &watch.sensor))
+    }
+
+    /// Takes in all scans, which must be in the order of their times, and returns the confirmed tracks after each.
+    pub fn run(&mut self, scans: &[Scan]) -> Result<Vec<Vec<Track>>> {
+        self.check_run(scans)?;
+        let tracks = scans.iter().map(|scan| self.step(scan)).collect::<Result<_>>()?;
+        self.intake.ledger.check()?;
+        Ok(tracks)
+    }
+
+    /// Takes in one scan and returns the confirmed tracks at its time: those whose targets are extracted. A scan that cannot be
+    /// used leaves everything as it was and is recorded as an event.
+    pub fn step(&mut self, scan: &Scan) -> Result<Vec<Track>> {
+        let watch = self.config.watch(&scan.sensor).cloned();
+        let sensor = watch.as_ref().map(|watch| &watch.sensor).map_err(ToString::to_string);
+        let Some(rows) = self.intake.admit(scan, sensor, Needs::Everything)? else {
+            return Ok(self.tracks.clone());
+        };
+        let watch = watch?;
+        self.predict(scan)?;
+        let platform = scan.platform.as_ref().map(|p| DVector::from_row_slice(p));
+        let measurements = flat(&rows);
+        let sight = Sight {
+            sensor: &watch.sensor,
+            platform: platform.as_ref(),
+            rule: self.config.filter.rule(),
+            detection_probability: watch.detection_probability,
+            clutter_density: watch.clutter_density,
+        };
+        let updated = self.config.update.update(&self.mixture, &measurements, &sight)?;
+        if updated.skipped > 0 {
+            let reason = format!("{} components cannot be compared with the scan", updated.skipped);
+            self.intake.record(scan, EventCode::TrackSkipped, None, &reason)?;
+        }
+        self.mixture = updated.components;
+        self.drop_diverged(scan)?;
+        let merged = self.config.reduction.reduce(std::mem::take(&mut self.mixture))?;
+        let extraction = self.labels.extract(merged, scan.time, self.config.confirmation);
+        self.mixture = extraction.mixture;
+        self.tracks = extraction.tracks;
+        if let Some(rule) = self.config.adaptive_birth {
+            self.pending = self.unexplained(&rule, &watch, platform.as_ref(), &measurements)?;
+        }
+        Ok(self.tracks.clone())
+    }
+
+    fn predict(&mut self, scan: &Scan) -> Result<()> {
+        let PhdConfig {
+            motion, filter, fate, ..
+        } = &self.config;
+        let (rule, before) = (filter.rule(), self.intake.time.replace(scan.time));
+        let dt = before.map_or(0.0, |before| scan.time - before);
+        if before.is_some() && dt == 0.0 {
+            return Ok(());
+        }
+        let next_label = &mut self.labels.next_label;
+        let mut mixture = fate.survive(&self.mixture, motion, rule, self.config.update.rates, dt, next_label)?;
+        let mut born = std::mem::take(&mut self.pending);
+        for birth in &mut born {
+            birth.state = predict_by(rule, &birth.state, motion, dt, None)?;
+        }
+        fate.bear(&mut mixture, &born, next_label);
+        self.mixture = mixture;
+        self.drop_diverged(scan)
+    }
+
+    fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
+        let finite = |c: &Component| {
+            let numbers = c.state.mean.iter().chain(c.state.cov.iter());
+            c.weight.is_finite() && numbers.copied().all(f64::is_finite)
+        };
+        let before = self.mixture.len();
+        self.mixture.retain(finite);
+        if self.mixture.len() == before {
+            return Ok(());
+        }
+        let reason = format!("{} components are not finite", before - self.mixture.len());
+        self.intake.record(scan, EventCode::TrackDiverged, None, &reason)
+    }
+
+    /// Births in the middle of measurements that nothing explains.
+    fn unexplained(
+        &self,
+        rule: &AdaptiveBirth,
+        watch: &Watch,
+        platform: Option<&DVector<f64>>,
+        measurements: &[f64],
+    ) -> Result<Vec<Birth>> {
+        let m = watch.sensor.measurement_dim().max(1);
+        let gate = chi_square::quantile(GATE, m)?;
+        let mut free = vec![true; measurements.len() / m];
+        for component in self.mixture.iter().filter(|c| c.weight >= EXPLAINS) {
+            let expected = self.config.filter.expect(&component.state, &watch.sensor, platform);
+            let Ok(expected) = expected else {
+                continue;
+            };
+            for (z, free) in measurements.chunks_exact(m).zip(&mut free) {
+                let z = DVector::from_column_slice(z);
+                let innovation = crate::model::sensor::residual(&watch.sensor, &z, &expected.expected);
+                *free = *free && expected.prediction.whiten(&innovation).nis > gate;
+            }
+        }
+        let left: Vec<f64> = measurements
+            .chunks_exact(m)
+            .zip(&free)
+            .filter(|(_, free)| **free)
+            .flat_map(|(z, _)| z.iter().copied())
+            .collect();
+        let points = Points::whitened(&left, m, &watch.sensor.noise())?;
+        // Two measurements of one target differ by noise of covariance 2 R.
+        let link = libm::sqrt(2.0 * chi_square::quantile(LINK, m)?);
+        let cells = DistancePartition {
+            thresholds: Thresholds::Range {
+                lower: link,
+                upper: link,
+            },
+            ..DistancePartition::default()
+        };
+        let mut births = Vec::new();
+        for cell in cells
+            .partitions(&points)?
+            .iter()
+            .flat_map(|partition| partition.cells())
+        {
+            if cell.len() < rule.min_measurements {
+                continue;
+            }
+            let mut mean = DVector::zeros(m);
+            for &i in &cell {
+                mean += DVector::from_column_slice(&left[i * m..(i + 1) * m]) / cell.len() as f64;
+            }
+            if let Some(position) = watch.sensor.locate(&mean, platform) {
+                births.push(Birth {
+                    weight: rule.weight,
+                    state: start_state(&position, &self.config.motion, rule.max_speed),
+                });
+            }
+        }
+        Ok(births)
+    }
+
+    /// Saves the tracker with everything it knows; see [`crate::state`].
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        state::to_bytes(self)
+    }
+
+    /// A tracker that goes on, bit for bit, where the saved one stood.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let tracker: Self = state::from_bytes(bytes)?;
+        let check = || {
+            tracker.config.check()?;
+            tracker
+                .intake
+                .time
+                .map_or(Ok(()), |time| require_finite("time", [&time]))?;
+            let states = tracker.config.motion.state_dim();
+            let components = tracker.mixture.iter().map(|c| &c.state);
+            for state in components.chain(tracker.pending.iter().map(|birth| &birth.state)) {
+                require_size("component", states, state.dim())?;
+            }
+            Ok(())
+        };
+        check().map_err(|error: Error| Error::CorruptState {
+            reason: error.to_string(),
+        })?;
+        Ok(tracker)
+    }
+}
+
+fn flat(rows: &[Row]) -> Vec<f64> {
+    rows.iter().flat_map(|row| row.value.iter().copied()).collect()
+}
