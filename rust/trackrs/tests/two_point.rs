@@ -147,7 +147,7 @@ fn single_reports_begin_the_tracks_of_the_rule() {
             let (mut rule, mut time, mut confirmed) = (Rule::default(), 0.0, 0);
             for _ in 0..60 {
                 // Now and then two reports have one time, and now and then there is a gap.
-                time += [0.0, 1.0, 3.0, 3.0, 12.0][(stream.uniform() * 5.0) as usize];
+                time += stream.choice(&[0.0, 1.0, 3.0, 3.0, 12.0]).unwrap();
                 let row = [stream.between(500.0, 3000.0), stream.between(0.0, 1.5)];
                 let tracks = tracker.step(&scan(time, "radar", &[row])).unwrap();
                 let new = newest(&tracks, confirmed);
