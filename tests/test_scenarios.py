@@ -12,25 +12,10 @@ import pytest
 
 import trackrs as tr
 from courses import jerk
+from deviates import Deviates
 from trackrs.scenarios import Course, Leg, close_targets, underwater
 
 DATA = Path(__file__).parent / "data"
-
-
-class Deviates:
-    """The documented streams, rewritten on NumPy's generator."""
-
-    def __init__(self, seed, run):
-        self.uniform = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run,)))).random
-        self.spare = None
-
-    def normal(self):
-        if self.spare is not None:
-            out, self.spare = self.spare, None
-            return out
-        radius, angle = np.sqrt(-2.0 * np.log(1.0 - self.uniform())), 2.0 * np.pi * self.uniform()
-        self.spare = radius * np.sin(angle)
-        return radius * np.cos(angle)
 
 
 @pytest.mark.parametrize(("seed", "run"), [(0, 0), (7, 3), (2**64 - 1, 2**40)])

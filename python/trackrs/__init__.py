@@ -76,6 +76,7 @@ if TYPE_CHECKING:
         TwoLevelPartition,
         TwoLevels,
     )
+    from trackrs.phd import AdaptiveBirth, Birth, DetectionRate, ExtendedGMPHD, IntensityTracker, Mixture, Spawn
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.timing import RegularTimes, regularise
@@ -103,7 +104,9 @@ __all__ = [
     "NPDA",
     "OSPA",
     "PDA",
+    "AdaptiveBirth",
     "Assignment",
+    "Birth",
     "BusyError",
     "CameraSensor",
     "ChiSquareScreen",
@@ -119,11 +122,13 @@ __all__ = [
     "DecisionGraph",
     "Deletion",
     "DensityPeakPartition",
+    "DetectionRate",
     "DimensionError",
     "DistancePartition",
     "Evaluation",
     "Event",
     "Existence",
+    "ExtendedGMPHD",
     "ExtendedKalmanFilter",
     "FilterRun",
     "Fix",
@@ -131,6 +136,7 @@ __all__ = [
     "GaussianState",
     "GlobalNearestNeighbour",
     "GospaDistance",
+    "IntensityTracker",
     "InternalError",
     "JerkChoice",
     "KMeansPartition",
@@ -141,6 +147,7 @@ __all__ = [
     "LinearMotion",
     "LinearSensor",
     "LocalOutlierFactor",
+    "Mixture",
     "MofN",
     "MultiTargetTracker",
     "NearestNeighbour",
@@ -164,6 +171,7 @@ __all__ = [
     "Scan",
     "Singer",
     "SmoothedRun",
+    "Spawn",
     "StateError",
     "StrictError",
     "TargetScore",
@@ -216,6 +224,7 @@ _HOMES = (
     "metric",
     "motion",
     "partition",
+    "phd",
     "pose",
     "sensor",
     "timing",

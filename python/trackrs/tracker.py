@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import array
+from trackrs._arrays import FloatArray, array
 from trackrs.association import GlobalNearestNeighbour
 from trackrs.gating import Gate
 from trackrs.types import Event, Ledger, Scan, Tracks, freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from typing import Self
 
     from trackrs.association import Associator
     from trackrs.motion import Motion
@@ -111,7 +112,53 @@ class ClutterMap:
     memory: float = 60.0
 
 
-class MultiTargetTracker:
+class Recorder:
+    """What trackers with a memory have in common: books, and bytes to go on from."""
+
+    __slots__ = ("_core", "_labels")
+    _core: Any
+    _labels: tuple[str, ...]
+    _kind: ClassVar[Any]
+
+    @property
+    def events(self) -> list[Event]:
+        """The last 1000 events, oldest first; all are counted in `event_counts`."""
+        return [Event(**event) for event in self._core.events()]
+
+    @property
+    def event_counts(self) -> dict[str, int]:
+        """Number of events so far, by code."""
+        counts: dict[str, int] = self._core.event_counts()
+        return counts
+
+    @property
+    def ledger(self) -> Ledger:
+        """Where every row went so far."""
+        return Ledger(**self._core.ledger())
+
+    def to_bytes(self) -> bytes:
+        """Save the tracker with everything it knows: versioned, checksummed, data only."""
+        data: bytes = self._core.to_bytes()
+        return data
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Return a tracker that goes on, bit for bit, where the saved one stood.
+
+        Raises:
+            StateError: the bytes are truncated, altered, foreign or of another version.
+        """
+        tracker = cls.__new__(cls)
+        tracker._core = cls._kind.from_bytes(bytes(data))
+        tracker._labels = tuple(tracker._core.labels())
+        return tracker
+
+    def __reduce__(self) -> tuple[object, tuple[bytes]]:
+        """Pickle through `to_bytes`, so that nothing but data is ever loaded."""
+        return (type(self).from_bytes, (self.to_bytes(),))
+
+
+class MultiTargetTracker(Recorder):
     """Tracks several targets from the scans of one or more sensors.
 
     The tracker has a memory: `step` and `run` go on from where it stands.
@@ -154,7 +201,8 @@ class MultiTargetTracker:
         [1, 2]
     """
 
-    __slots__ = ("_core", "_labels")
+    __slots__ = ()
+    _kind = _trackrs.Tracker
 
     def __init__(
         self,
@@ -179,8 +227,8 @@ class MultiTargetTracker:
             "filter": filter,
             "associator": {"name": associator.name} | asdict(associator),
             "initiator": asdict(initiator),
-            "detection_probability": _by_sensor(detection_probability, sensors),
-            "clutter_density": {} if clutter_density is None else _by_sensor(clutter_density, sensors),
+            "detection_probability": by_sensor(detection_probability, sensors),
+            "clutter_density": {} if clutter_density is None else by_sensor(clutter_density, sensors),
             "gate_probability": gate.probability,
             "deletion": deletion and (deletion.max_misses, deletion.max_time),
             "clutter_map": clutter_map
@@ -199,7 +247,7 @@ class MultiTargetTracker:
 
         A scan that cannot be used leaves the tracks as they were and is recorded in `events`.
         """
-        return self._tracks(self._core.step(scan), [scan])
+        return tracks(self._core.step(scan), [scan], self._labels)
 
     def run(self, scans: Iterable[Scan]) -> Tracks:
         """Take in all scans, in the order of their times, and return the confirmed tracks after each.
@@ -209,53 +257,20 @@ class MultiTargetTracker:
             UnknownSensorError: a scan names a sensor that the tracker does not have.
         """
         scans = list(scans)
-        return self._tracks(self._core.run(scans), scans)
-
-    def _tracks(self, columns: dict[str, Any], scans: list[Scan]) -> Tracks:
-        columns["offsets"] = np.array(columns["offsets"], dtype=np.int64)
-        return Tracks(
-            scan_times=array([scan.time for scan in scans], "times", 1),
-            sensors=tuple(scan.sensor for scan in scans),
-            labels=self._labels,
-            **freeze_columns(columns),
-        )
-
-    @property
-    def events(self) -> list[Event]:
-        """The last 1000 events, oldest first; all are counted in `event_counts`."""
-        return [Event(**event) for event in self._core.events()]
-
-    @property
-    def event_counts(self) -> dict[str, int]:
-        """Number of events so far, by code."""
-        return self._core.event_counts()
-
-    @property
-    def ledger(self) -> Ledger:
-        """Where every row went so far."""
-        return Ledger(**self._core.ledger())
-
-    def to_bytes(self) -> bytes:
-        """Save the tracker with everything it knows: versioned, checksummed, data only."""
-        return self._core.to_bytes()
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> MultiTargetTracker:
-        """Return a tracker that goes on, bit for bit, where the saved one stood.
-
-        Raises:
-            StateError: the bytes are truncated, altered, foreign or of another version.
-        """
-        tracker = cls.__new__(cls)
-        tracker._core = _trackrs.Tracker.from_bytes(bytes(data))
-        tracker._labels = tuple(tracker._core.labels())
-        return tracker
-
-    def __reduce__(self) -> tuple[object, tuple[bytes]]:
-        """Pickle through `to_bytes`, so that nothing but data is ever loaded."""
-        return (MultiTargetTracker.from_bytes, (self.to_bytes(),))
+        return tracks(self._core.run(scans), scans, self._labels)
 
 
-def _by_sensor(value: float | Mapping[str, float], sensors: Iterable[str]) -> dict[str, float]:
+def tracks(columns: dict[str, Any], scans: list[Scan], labels: tuple[str, ...], **more: FloatArray) -> Tracks:
+    """Return the record of what the core gave for these scans."""
+    columns["offsets"] = np.array(columns["offsets"], dtype=np.int64)
+    return Tracks(
+        scan_times=array([scan.time for scan in scans], "times", 1),
+        sensors=tuple(scan.sensor for scan in scans),
+        labels=labels,
+        **freeze_columns(columns | more),
+    )
+
+
+def by_sensor(value: float | Mapping[str, float], sensors: Iterable[str]) -> dict[str, float]:
     """A parameter for every sensor, or for those that have it."""
     return dict(value) if isinstance(value, Mapping) else dict.fromkeys(sensors, value)

@@ -487,7 +487,9 @@ class Tracks:
         last_hits: (N,) time of the last report given to the track.
         hits: (N,) reports given to it so far.
         labels: names of the state's components.
-        existences: (N,) probability that there is a target, where the tracker keeps it (`JIPDA`), else None.
+        existences: (N,) probability that there is a target, where the tracker keeps it, else None.
+        expected_targets: (S,) expected number of targets after every scan, where the tracker keeps it, else None: the
+            sum of the weights of an intensity, confirmed or not.
     """
 
     scan_times: FloatArray
@@ -501,6 +503,7 @@ class Tracks:
     labels: tuple[str, ...]
     offsets: IntArray = field(repr=False)
     existences: FloatArray | None = None
+    expected_targets: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of rows."""

@@ -14,8 +14,10 @@ mod metric;
 mod model;
 mod options;
 mod partition;
+mod phd;
 mod pose;
 mod rotation;
+mod scans;
 mod sim;
 mod smoother;
 mod stats;
@@ -42,12 +44,17 @@ mod _trackrs {
     #[pymodule_export]
     use crate::partition::{OutlierFilter, Partitioner};
     #[pymodule_export]
+    use crate::phd::IntensityTracker;
+    #[pymodule_export]
     use crate::rotation::{
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_turned,
         rotation_vectors,
     };
     #[pymodule_export]
-    use crate::sim::{CloseTargets, Underwater, reference_course, reference_hydrophones};
+    use crate::sim::{
+        CloseTargets, ExtendedTargets, Underwater, crossing_targets, parallel_targets, reference_course,
+        reference_hydrophones,
+    };
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]

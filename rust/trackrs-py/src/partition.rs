@@ -1,7 +1,5 @@
 //! Partitions of points, and outlier factors.
 
-use std::sync::Arc;
-
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::Error;
@@ -13,7 +11,7 @@ use trackrs::partition::kmeans::KMeansPartition;
 use trackrs::partition::lof;
 use trackrs::partition::tree::{Linkage, TreePartition};
 use trackrs::partition::two_level::TwoLevelPartition;
-use trackrs::partition::{self, Points};
+use trackrs::partition::{self, PartitionModel, Points};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
@@ -48,25 +46,7 @@ fn pairs<'py>(py: Python<'py>, values: &[[usize; 2]]) -> PyResult<Bound<'py, PyA
 /// What divides points into cells.
 #[pyclass(frozen)]
 pub(crate) struct Partitioner {
-    core: Kind,
-}
-
-enum Kind {
-    DensityPeaks(DensityPeakPartition),
-    TwoLevel(TwoLevelPartition),
-    Tree(TreePartition),
-    Other(Arc<dyn partition::Partitioner>),
-}
-
-impl Partitioner {
-    fn core(&self) -> &dyn partition::Partitioner {
-        match &self.core {
-            Kind::DensityPeaks(core) => core,
-            Kind::TwoLevel(core) => core,
-            Kind::Tree(core) => core,
-            Kind::Other(core) => &**core,
-        }
-    }
+    pub(crate) core: PartitionModel,
 }
 
 fn made<T>(py: Python<'_>, result: trackrs::Result<T>) -> PyResult<T> {
@@ -136,14 +116,14 @@ impl Partitioner {
             },
         };
         Ok(Self {
-            core: Kind::Other(Arc::new(DistancePartition {
+            core: PartitionModel::Distance(DistancePartition {
                 thresholds: made(py, thresholds)?,
                 probabilities,
                 sub_partitions: detections_per_target.map(|detections_per_target| SubPartitions {
                     detections_per_target,
                     seed,
                 }),
-            })),
+            }),
         })
     }
 
@@ -151,7 +131,7 @@ impl Partitioner {
     fn kmeans(py: Python<'_>, lower: i64, upper: i64, seed: u64) -> PyResult<Self> {
         let (lower, upper) = (made(py, count("k", lower))?, made(py, count("k", upper))?);
         Ok(Self {
-            core: Kind::Other(Arc::new(KMeansPartition { lower, upper, seed })),
+            core: PartitionModel::KMeans(KMeansPartition { lower, upper, seed }),
         })
     }
 
@@ -159,7 +139,7 @@ impl Partitioner {
     fn dbscan(py: Python<'_>, eps: Option<f64>, min_samples: i64) -> PyResult<Self> {
         let min_samples = made(py, count("min_samples", min_samples))?;
         Ok(Self {
-            core: Kind::Other(Arc::new(DbscanPartition { eps, min_samples })),
+            core: PartitionModel::Dbscan(DbscanPartition { eps, min_samples }),
         })
     }
 
@@ -175,7 +155,7 @@ impl Partitioner {
     ) -> PyResult<Self> {
         let core = made(py, density_peaks(d_c, percent, kernel, peaks, peak_distance, max_link))?;
         Ok(Self {
-            core: Kind::DensityPeaks(core),
+            core: PartitionModel::DensityPeaks(core),
         })
     }
 
@@ -199,7 +179,7 @@ impl Partitioner {
             other => return made(py, Err(unknown("border", other, "max, mean"))),
         };
         Ok(Self {
-            core: Kind::TwoLevel(TwoLevelPartition { first, border, beta }),
+            core: PartitionModel::TwoLevel(TwoLevelPartition { first, border, beta }),
         })
     }
 
@@ -212,7 +192,7 @@ impl Partitioner {
         };
         let linkages = made(py, linkages.iter().map(linkage).collect())?;
         Ok(Self {
-            core: Kind::Tree(TreePartition { linkages, max_extent }),
+            core: PartitionModel::Tree(TreePartition { linkages, max_extent }),
         })
     }
 
@@ -228,7 +208,7 @@ impl Partitioner {
         let points = points(&values, &noise)?;
         let filter = clutter_filter.as_ref().map(|filter| &filter.core);
         let (labels, shape) = compute(py, || {
-            let found = partition::partitions(self.core(), &points, filter)?;
+            let found = partition::partitions(self.core.as_partitioner(), &points, filter)?;
             let labels = found.iter().flat_map(partition::Partition::labels);
             let labels: Vec<i64> = labels.map(|&l| i64::try_from(l).unwrap_or(i64::MAX)).collect();
             Ok((labels, [found.len(), points.len()]))
@@ -245,7 +225,7 @@ impl Partitioner {
         noise: Noise<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let points = points(&values, &noise)?;
-        let labels = compute(py, || self.core().labels(&points))?;
+        let labels = compute(py, || self.core.as_partitioner().labels(&points))?;
         Ok(optional(py, &labels))
     }
 
@@ -259,11 +239,11 @@ impl Partitioner {
     ) -> PyResult<Explained<'py>> {
         let points = points(&values, &noise)?;
         match &self.core {
-            Kind::DensityPeaks(core) => {
+            PartitionModel::DensityPeaks(core) => {
                 let found = compute(py, || core.explain(&points))?;
                 Ok(Explained::Graph(DecisionGraph::new(py, found)))
             }
-            Kind::TwoLevel(core) => {
+            PartitionModel::TwoLevel(core) => {
                 let found = compute(py, || core.explain(&points))?;
                 let ends: Vec<[usize; 2]> = found.borders.iter().map(|border| border.cells).collect();
                 Ok(Explained::Levels(TwoLevels {
@@ -290,7 +270,7 @@ impl Partitioner {
         noise: Noise<'py>,
     ) -> PyResult<Vec<Tree<'py>>> {
         let points = points(&values, &noise)?;
-        let Kind::Tree(core) = &self.core else {
+        let PartitionModel::Tree(core) = &self.core else {
             return made(py, Err(Error::invalid("partitioner", "this one", "has no trees")));
         };
         let trees = compute(py, || core.trees(&points))?;
@@ -368,7 +348,7 @@ pub(crate) struct Tree<'py> {
 /// The local outlier factor.
 #[pyclass(frozen)]
 pub(crate) struct OutlierFilter {
-    core: lof::LocalOutlierFactor,
+    pub(crate) core: lof::LocalOutlierFactor,
 }
 
 /// The outlier factor, step by step.

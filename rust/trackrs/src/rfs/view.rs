@@ -154,3 +154,64 @@ impl View {
         Gaussian { mean, cov }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::sensor::LinearSensor;
+    use crate::stats::stream::Stream;
+
+    fn random(rows: usize, columns: usize, stream: &mut Stream) -> DMatrix<f64> {
+        DMatrix::from_fn(rows, columns, |_, _| stream.normal())
+    }
+
+    /// Mean and noise of a cell against all its measurements stacked, as the literature writes the update.
+    #[test]
+    fn a_cell_is_the_stack_of_its_measurements() {
+        let mut stream = Stream::new(8, 0);
+        for case in 0..200 {
+            let (n, m, count) = (4, 1 + case % 3, 1 + case % 6);
+            let half = random(n, n, &mut stream);
+            let prior = Gaussian {
+                mean: random(n, 1, &mut stream).column(0).into_owned(),
+                cov: &half * half.transpose() + DMatrix::identity(n, n),
+            };
+            let (h, half) = (random(m, n, &mut stream), random(m, m, &mut stream));
+            let r = &half * half.transpose() + DMatrix::identity(m, m);
+            let sensor = LinearSensor::new(h.clone(), r.clone(), DVector::zeros(m)).unwrap();
+            let z = random(m, count, &mut stream) * 3.0;
+
+            let stacked_h = DMatrix::from_fn(m * count, n, |i, j| h[(i % m, j)]);
+            let stacked_r = DMatrix::from_fn(m * count, m * count, |i, j| {
+                if i / m == j / m { r[(i % m, j % m)] } else { 0.0 }
+            });
+            let s = &stacked_h * &prior.cov * stacked_h.transpose() + stacked_r;
+            let innovation = DVector::from_column_slice(z.as_slice()) - &stacked_h * &prior.mean;
+            let factor = Cholesky::new(&s, "S").unwrap();
+            let log_density = -0.5
+                * ((m * count) as f64 * LN_TAU + factor.log_determinant() + factor.whiten(&innovation).norm_squared());
+            let gain = factor.solve(&(&stacked_h * &prior.cov)).transpose();
+            let mean = &prior.mean + &gain * &innovation;
+            let cov = &prior.cov - &gain * &stacked_h * &prior.cov;
+
+            let noise = Noise::of(&sensor).unwrap();
+            let view = View::new(&prior, &sensor, None, Rule::Once, &noise).unwrap();
+            let average = z.column_mean();
+            let (mut scratch, mut y) = (vec![0.0; m], vec![0.0; m]);
+            view.offset(&sensor, average.as_slice(), &mut scratch, &mut y);
+            let scatter: f64 = z
+                .column_iter()
+                .map(|z| noise.whiten((z - &average).as_slice()).norm_squared())
+                .sum();
+            let n_z = count as f64;
+            let found = -0.5 * (n_z * noise.log_volume + scatter) + view.log_density(&y, n_z);
+            assert!(
+                (found - log_density).abs() < 1e-12 * log_density.abs().max(1.0),
+                "{found} {log_density}"
+            );
+            let posterior = view.posterior(&prior, &y, n_z);
+            assert!((posterior.mean - &mean).amax() < 1e-12 * mean.amax().max(1.0));
+            assert!((posterior.cov - &cov).amax() < 1e-12 * prior.cov.amax());
+        }
+    }
+}

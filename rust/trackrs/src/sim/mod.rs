@@ -2,4 +2,6 @@
 
 pub mod close_targets;
 pub mod course;
+pub mod extended_targets;
+pub mod shape;
 pub mod underwater;

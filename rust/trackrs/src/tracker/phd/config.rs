@@ -6,9 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, require_non_negative, require_positive, require_size};
 use crate::model::{Motion, MotionModel, Sensor, SensorModel, StateSpace};
+use crate::partition::PartitionModel;
+use crate::partition::tree::TreePartition;
 use crate::rfs::extended_gm_phd::ExtendedUpdate;
 use crate::rfs::mixture::Reduction;
-use crate::rfs::prediction::{Fate, require_rate};
+use crate::rfs::prediction::{Birth, Fate, require_rate};
+use crate::rfs::rate::{Rate, RateModel};
 use crate::tracker::intake::unknown_sensor;
 use crate::tracker::moments::TrackFilter;
 
@@ -75,7 +78,49 @@ pub struct PhdConfig {
     pub strict: bool,
 }
 
+/// Gamma shape of the rate of a newborn.
+const BIRTH_SHAPE: f64 = 10.0;
+
 impl PhdConfig {
+    /// The default filter for extended targets: all cuts of two trees, learnt rates, shared measurements. Survival and detection
+    /// have probability 0.99; the sensor takes every scan.
+    pub fn new(
+        motion: MotionModel,
+        sensor: SensorModel,
+        births: Vec<Birth>,
+        detections_per_target: f64,
+        clutter_density: f64,
+    ) -> Self {
+        let watch = Watch {
+            sensor,
+            detection_probability: 0.99,
+            clutter_density,
+        };
+        let reduction = Reduction::default();
+        Self {
+            motion,
+            watches: BTreeMap::from([(String::new(), watch)]),
+            filter: TrackFilter::default(),
+            fate: Fate {
+                survival_probability: 0.99,
+                births,
+                birth_rate: Rate::with_mean(detections_per_target, BIRTH_SHAPE),
+                spawns: Vec::new(),
+            },
+            adaptive_birth: None,
+            update: ExtendedUpdate {
+                rates: RateModel::default(),
+                partition: PartitionModel::Tree(TreePartition::default()),
+                clutter_filter: None,
+                superposition: true,
+                prune: reduction.prune,
+            },
+            reduction,
+            confirmation: Confirmation::default(),
+            strict: false,
+        }
+    }
+
     /// `Ok` if the parts fit together and every parameter lies in its domain.
     pub fn check(&self) -> Result<()> {
         let states = self.motion.state_dim();

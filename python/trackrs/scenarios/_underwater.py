@@ -1,36 +1,20 @@
-"""Scenarios: truth, and what the sensors would have reported of it, drawn from seeded streams.
-
-Run k with seed s has the same bits on every machine, whatever runs were drawn before: its random numbers come from the
-bits of NumPy's `PCG64(SeedSequence(s, spawn_key=(k,)))`.
-"""
+"""A manoeuvring vessel heard by hydrophones."""
 
 from __future__ import annotations
 
-import operator
 from dataclasses import asdict, astuple, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, IntArray, frozen
+from trackrs._arrays import FloatArray, frozen
 from trackrs.errors import ParameterError
-from trackrs.sensor import RangeArray, RangeBearing
-from trackrs.types import GaussianState, Scan, freeze_columns
+from trackrs.scenarios._stream import stream_number
+from trackrs.sensor import RangeArray
+from trackrs.types import freeze_columns
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
-
-__all__ = [
-    "CloseReports",
-    "CloseTargets",
-    "Course",
-    "Leg",
-    "Recording",
-    "Underwater",
-    "close_targets",
-    "underwater",
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +110,7 @@ class Underwater:
             ParameterError: `seed` or `run` is no such number.
             UnobservableError: the target stands on a hydrophone.
         """
-        out: dict[str, Any] = self._core.draw(_number("seed", seed), _number("run", run))
+        out: dict[str, Any] = self._core.draw(stream_number("seed", seed), stream_number("run", run))
         return Recording(times=self.times, **freeze_columns(out))
 
 
@@ -187,122 +171,3 @@ def underwater(
     items = asdict(course) | {"legs": [astuple(leg) for leg in course.legs]}
     core = _trackrs.Underwater.make(array._core, items, dt, gross, missing, jerk_std)
     return Underwater(array, frozen(core.times()), frozen(core.truth()), core)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CloseReports:
-    """What one run of `CloseTargets` reported.
-
-    Attributes:
-        times: (T,) seconds.
-        values: (T, 2) range and bearing, metres and radians.
-        origins: (T,) the target each report is of; -1 = false.
-    """
-
-    times: FloatArray
-    values: FloatArray
-    origins: IntArray
-
-    def scans(self, size: int = 1) -> list[Scan]:
-        """Return the reports as scans of `size` reports each, which keep their own times; sensor "radar"."""
-        return [
-            Scan(times[-1], self.values[k : k + size], "radar", times=times if size > 1 else None)
-            for k in range(0, len(self.times), size)
-            if len(times := self.times[k : k + size])
-        ]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CloseTargets:
-    """Targets side by side, reported one at a time; see `close_targets`, which makes it.
-
-    Attributes:
-        radar: the sensor, in the origin.
-        times: (T,) seconds, of the reports.
-        truth: (T, N, 4) positions and velocities of all targets at these times, metres and seconds.
-        initial: what a filter is told of each target at time 0.
-        clutter_area: area that false reports are spread over, square metres, centred on the targets at all times. Their
-            density at range r is r / area per metre and radian.
-    """
-
-    radar: RangeBearing
-    times: FloatArray
-    truth: FloatArray
-    initial: tuple[GaussianState, ...]
-    clutter_area: float
-    _core: _trackrs.CloseTargets = field(repr=False)
-
-    def draw(self, seed: int, run: int = 0) -> CloseReports:
-        """Return run number `run` of a study with this seed, both from 0 to 2⁶⁴ - 1.
-
-        Raises:
-            ParameterError: `seed` or `run` is no such number.
-        """
-        out: dict[str, Any] = self._core.draw(_number("seed", seed), _number("run", run))
-        return CloseReports(times=self.times, **freeze_columns(out))
-
-
-def close_targets(
-    targets: int = 3,
-    separation: float = 300.0,
-    *,
-    reports: int = 60,
-    interval: float = 3.0,
-    order: Literal["cyclic", "boustrophedon", "random"] = "cyclic",
-    clutter: float = 0.0,
-) -> CloseTargets:
-    """Return the scenario of the NPDA paper: targets side by side at 100 m/s, reported one at a time by a radar.
-
-    The paper leaves open the order of the reports, their number and the time of the first one. The same run has the
-    same noise whatever `order` and `clutter` are.
-
-    Args:
-        targets: how many.
-        separation: of neighbours, metres.
-        reports: how many, of all targets together.
-        interval: seconds between reports, and before the first one.
-        order: whose turn it is: 0 1 2 0 1 2, or 0 1 2 2 1 0, or any.
-        clutter: probability that a report is false, whoever's turn it is; false reports are uniform over an area that
-            goes with the targets, 1000 m ahead and behind, 500 m beyond the outer ones.
-
-    Raises:
-        ParameterError: a parameter is outside its domain.
-
-    Reference:
-        Liu, Xie, Huang (2009), section 5, and section 4 of its spec.
-
-    Example:
-        >>> import trackrs as tr
-        >>> scene = tr.scenarios.close_targets(separation=150.0)
-        >>> tracker = tr.MultiTargetTracker(
-        ...     tr.ConstantVelocity(dims=2, accel_std=2.0),
-        ...     sensors={"radar": scene.radar},
-        ...     initiator=tr.MofN(3, 5, max_speed=150.0),
-        ...     associator=tr.NPDA(),
-        ...     gate=tr.Gate(1.0),
-        ...     deletion=tr.Deletion(max_misses=100),
-        ...     initial=scene.initial,
-        ... )
-        >>> tracks = tracker.run(scene.draw(seed=7).scans())
-        >>> tracks.means[tracks.offsets[-2] :].shape, scene.truth.shape
-        ((3, 4), (60, 3, 4))
-    """
-    core = _trackrs.CloseTargets.make(targets, separation, reports, interval, order, clutter)
-    range_std, bearing_std = core.noise()
-    return CloseTargets(
-        radar=RangeBearing((0.0, 0.0), range_std, bearing_std),
-        times=frozen(core.times()),
-        truth=frozen(core.truth().reshape(reports, targets, 4)),
-        initial=tuple(GaussianState(mean, np.diag(variances)) for mean, variances in core.initial()),
-        clutter_area=core.clutter_area(),
-        _core=core,
-    )
-
-
-def _number(name: str, value: int) -> int:
-    """Return the number of a stream."""
-    number = operator.index(value)
-    if 0 <= number < 2**64:
-        return number
-    msg = f"{name} = {value} is invalid: must be a whole number from 0 to 2**64 - 1"
-    raise ParameterError(msg)

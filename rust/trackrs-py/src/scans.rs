@@ -1,0 +1,173 @@
+//! Scans in, tracks out: what the trackers share.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::time::{Duration, Instant};
+
+use nalgebra::DVector;
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use trackrs::event::{Event, EventLog, Ledger};
+use trackrs::{Scan, Track};
+
+use crate::array;
+use crate::error::{compute, exception};
+
+/// Work between two looks for Ctrl-C.
+const CHUNK: Duration = Duration::from_millis(50);
+
+/// Tracks of one or more scans: those of scan k are rows `offsets[k]..offsets[k + 1]`.
+#[derive(IntoPyObject)]
+pub(crate) struct Columns<'py> {
+    offsets: Vec<usize>,
+    times: Bound<'py, PyArray1<f64>>,
+    ids: Bound<'py, PyArray1<u64>>,
+    means: Bound<'py, PyArray2<f64>>,
+    covs: Bound<'py, PyArray3<f64>>,
+    last_hits: Bound<'py, PyArray1<f64>>,
+    hits: Bound<'py, PyArray1<u64>>,
+    existences: Option<Bound<'py, PyArray1<f64>>>,
+}
+
+/// A scan of the facade.
+#[derive(FromPyObject)]
+pub(crate) struct ScanArrays<'py> {
+    time: f64,
+    sensor: String,
+    values: PyReadonlyArray2<'py, f64>,
+    platform: Option<PyReadonlyArray1<'py, f64>>,
+    times: Option<PyReadonlyArray1<'py, f64>>,
+}
+
+#[derive(IntoPyObject)]
+pub(crate) struct EventRecord {
+    code: &'static str,
+    time: f64,
+    sensor: String,
+    row: Option<usize>,
+    reason: String,
+}
+
+impl From<&Event> for EventRecord {
+    fn from(event: &Event) -> Self {
+        Self {
+            code: event.code.name(),
+            time: event.time,
+            sensor: event.sensor.clone(),
+            row: event.row,
+            reason: event.reason.clone(),
+        }
+    }
+}
+
+#[derive(IntoPyObject)]
+pub(crate) struct LedgerRecord {
+    rows_in: u64,
+    used: u64,
+    late: u64,
+    duplicate: u64,
+    rejected: BTreeMap<&'static str, u64>,
+}
+
+impl LedgerRecord {
+    pub(crate) fn of(ledger: &Ledger) -> Self {
+        let rejected = ledger.rejected.iter().map(|(code, rows)| (code.name(), *rows));
+        Self {
+            rows_in: ledger.rows_in,
+            used: ledger.used,
+            late: ledger.late,
+            duplicate: ledger.duplicate,
+            rejected: rejected.collect(),
+        }
+    }
+}
+
+pub(crate) fn recent(log: &EventLog) -> Vec<EventRecord> {
+    log.recent().map(EventRecord::from).collect()
+}
+
+pub(crate) fn counts(log: &EventLog) -> BTreeMap<&'static str, u64> {
+    log.counts().iter().map(|(code, count)| (code.name(), *count)).collect()
+}
+
+/// The tracker, unless another thread is using it.
+pub(crate) fn lock<'a, T>(py: Python<'_>, tracker: &'a Mutex<T>) -> PyResult<MutexGuard<'a, T>> {
+    match tracker.try_lock() {
+        Ok(guard) => Ok(guard),
+        Err(TryLockError::WouldBlock) => Err(exception(
+            py,
+            "BusyError",
+            "this tracker is in use by another thread".into(),
+        )),
+        Err(TryLockError::Poisoned(_)) => Err(exception(
+            py,
+            "InternalError",
+            "this tracker failed before; restore it from saved bytes".into(),
+        )),
+    }
+}
+
+/// What `step` gives for every scan, in pieces between which Ctrl-C is looked for.
+pub(crate) fn each<T: Send>(
+    py: Python<'_>,
+    scans: &[Scan],
+    mut step: impl FnMut(&Scan) -> trackrs::Result<T> + Send,
+) -> PyResult<Vec<T>> {
+    let mut out = Vec::with_capacity(scans.len());
+    while out.len() < scans.len() {
+        compute(py, || {
+            let start = Instant::now();
+            while out.len() < scans.len() && start.elapsed() < CHUNK {
+                out.push(step(&scans[out.len()])?);
+            }
+            Ok(())
+        })?;
+        py.check_signals()?;
+    }
+    Ok(out)
+}
+
+pub(crate) fn to_scan(scan: &ScanArrays<'_>) -> PyResult<Scan> {
+    let platform = scan
+        .platform
+        .as_ref()
+        .map(|p| array::vector(p, "platform"))
+        .transpose()?;
+    let times = scan.times.as_ref().map(|t| array::vector(t, "times")).transpose()?;
+    let empty = scan.values.shape()[0] == 0;
+    Ok(Scan {
+        time: scan.time,
+        sensor: scan.sensor.clone(),
+        values: if empty {
+            Vec::new()
+        } else {
+            array::rows(&scan.values, "values")?
+        },
+        platform: platform.map(|p: DVector<f64>| p.as_slice().to_vec()),
+        times: times.map(|t: DVector<f64>| t.as_slice().to_vec()),
+    })
+}
+
+/// The tracks of scans in columns; `n` is the length of a state.
+pub(crate) fn to_columns<'py>(
+    py: Python<'py>,
+    n: usize,
+    existence: bool,
+    scans: &[Vec<Track>],
+) -> PyResult<Columns<'py>> {
+    let all: Vec<&Track> = scans.iter().flatten().collect();
+    let mut offsets = vec![0];
+    for tracks in scans {
+        offsets.push(offsets[offsets.len() - 1] + tracks.len());
+    }
+    Ok(Columns {
+        offsets,
+        times: PyArray1::from_iter(py, all.iter().map(|t| t.time)),
+        ids: PyArray1::from_iter(py, all.iter().map(|t| t.id)),
+        means: array::from_rows(py, all.iter().map(|t| &t.state.mean), n)?,
+        covs: array::from_symmetric(py, all.iter().map(|t| &t.state.cov), n)?,
+        last_hits: PyArray1::from_iter(py, all.iter().map(|t| t.last_hit)),
+        hits: PyArray1::from_iter(py, all.iter().map(|t| t.hits)),
+        existences: existence.then(|| PyArray1::from_iter(py, all.iter().map(|t| t.existence.unwrap_or(1.0)))),
+    })
+}
