@@ -174,7 +174,9 @@ impl Superposition {
                 log_partitioned: 0.0,
             };
         }
-        hypotheses.iter_mut().for_each(|h| h.log_weight -= total);
+        for hypothesis in &mut hypotheses {
+            hypothesis.log_weight -= total;
+        }
         Verdict {
             hypotheses,
             log_partitioned: partitioned - total,

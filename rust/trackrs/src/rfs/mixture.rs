@@ -10,6 +10,7 @@
 //! 2. the heaviest that is left, j, takes in all i with (m_i − m_j)ᵀ P_i⁻¹ (m_i − m_j) ≤ U, again and again; weights add and
 //!    are never capped, moments are matched, the heaviest's label stays;
 //! 3. the J_max heaviest stay; their weights are not rescaled.
+//!
 //! Extraction: w > ½ is ⌊w + ½⌋ targets.
 //!
 //! Reference: Vo, Ma (2006), The Gaussian mixture probability hypothesis density filter, IEEE TSP 54(11), tables II and III;
@@ -27,6 +28,8 @@ use crate::model::StateSpace;
 
 /// From this weight on a component stands for a target.
 pub const EXTRACT: f64 = 0.5;
+/// No component is more targets than this.
+const MOST_COPIES: u32 = 10_000;
 
 /// One Gaussian of the mixture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,7 +48,9 @@ impl Component {
     /// How many targets it is extracted as.
     pub fn copies(&self) -> usize {
         if self.weight > EXTRACT {
-            (self.weight + 0.5) as usize
+            (1..=MOST_COPIES)
+                .take_while(|&n| f64::from(n) <= self.weight + 0.5)
+                .count()
         } else {
             0
         }

@@ -144,7 +144,10 @@ mod tests {
         let mut free: Vec<usize> = (0..n).collect();
         let mut children = Vec::new();
         for i in 0..merges {
-            let mut take = |free: &mut Vec<usize>| free.swap_remove((stream.uniform() * free.len() as f64) as usize);
+            let mut take = |free: &mut Vec<usize>| {
+                let all: Vec<usize> = (0..free.len()).collect();
+                free.swap_remove(*stream.choice(&all).unwrap())
+            };
             let (a, b) = (take(&mut free), take(&mut free));
             children.push([a.min(b), a.max(b)]);
             free.push(n + i);
@@ -180,7 +183,7 @@ mod tests {
         let mut stream = Stream::new(5, 0);
         for case in 0..400 {
             let n = 1 + case % 8;
-            let merges = (stream.uniform() * n as f64) as usize;
+            let merges = *stream.choice(&(0..n).collect::<Vec<_>>()).unwrap();
             let forest = random_forest(n, merges, &mut stream);
             let weights: Vec<f64> = (0..n + merges).map(|_| 6.0 * stream.normal()).collect();
             let mut all: Vec<Vec<usize>> = vec![vec![]];

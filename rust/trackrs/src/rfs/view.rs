@@ -136,20 +136,15 @@ impl View {
             column *= n / (n * spread + 1.0);
         }
         let mean = &prior.mean + &gain * DVector::from_column_slice(y);
-        let mut cov = match &self.slope {
-            Some(slope) => {
-                let mut kept = DMatrix::identity(prior.dim(), prior.dim());
-                kept.gemm(-1.0, &gain, slope, 1.0);
-                let mut cov = &kept * &prior.cov * kept.transpose();
-                cov.gemm(1.0 / n, &gain, &gain.transpose(), 1.0);
-                cov
-            }
-            None => {
-                let mut cov = prior.cov.clone();
-                cov.gemm(-1.0, &gain, &self.cross.transpose(), 1.0);
-                cov
-            }
-        };
+        let mut cov = prior.cov.clone();
+        if let Some(slope) = &self.slope {
+            let mut kept = DMatrix::identity(prior.dim(), prior.dim());
+            kept.gemm(-1.0, &gain, slope, 1.0);
+            cov = &kept * &prior.cov * kept.transpose();
+            cov.gemm(1.0 / n, &gain, &gain.transpose(), 1.0);
+        } else {
+            cov.gemm(-1.0, &gain, &self.cross.transpose(), 1.0);
+        }
         symmetrise(&mut cov);
         Gaussian { mean, cov }
     }

@@ -102,7 +102,9 @@ impl Case {
     fn predicted(&self) -> Vec<Component> {
         let mut predicted = mixture(&self.value["predicted"]);
         if let Some(rate) = self.constant {
-            predicted.iter_mut().for_each(|c| c.rate = Rate::with_mean(rate, 10.0));
+            for component in &mut predicted {
+                component.rate = Rate::with_mean(rate, 10.0);
+            }
         }
         predicted
     }

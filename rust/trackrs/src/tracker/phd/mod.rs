@@ -29,7 +29,7 @@ use crate::event::{EventCode, EventLog, Ledger};
 use crate::filter::kalman::predict_by;
 use crate::model::{Motion, Sensor};
 use crate::partition::distance::{DistancePartition, Thresholds};
-use crate::partition::{Partitioner, Points};
+use crate::partition::{Partition, Partitioner, Points};
 use crate::rfs::extended_gm_phd::Sight;
 use crate::rfs::mixture::Component;
 use crate::rfs::prediction::Birth;
@@ -218,11 +218,7 @@ impl PhdTracker {
             ..DistancePartition::default()
         };
         let mut births = Vec::new();
-        for cell in cells
-            .partitions(&points)?
-            .iter()
-            .flat_map(|partition| partition.cells())
-        {
+        for cell in cells.partitions(&points)?.iter().flat_map(Partition::cells) {
             if cell.len() < rule.min_measurements {
                 continue;
             }
