@@ -126,7 +126,7 @@ def test_scan_by_scan_is_the_run(kind):
         assert [t.id for t in step] == [t.id for t in whole.of_scan(k)]
         expected = [t.state.mean for t in whole.of_scan(k)]
         assert np.array_equal(step.means, np.reshape(expected, (-1, 4)))
-        tracker = pickle.loads(pickle.dumps(tracker))  # noqa: S301 (our own bytes)
+        tracker = pickle.loads(pickle.dumps(tracker))
     assert tracker.ledger.rows_in == sum(len(scan.values) for scan in scans)
 
 
@@ -161,6 +161,20 @@ def test_several_sensors_take_turns():
     np.testing.assert_allclose(track.state.mean[:2], [295.0, 250.0], atol=5.0)
     with pytest.raises(tr.UnknownSensorError, match="lidar"):
         phd.run([tr.Scan(0.0, [[0.0, 0.0]], sensor="lidar")])
+
+
+@pytest.mark.parametrize("kind", [tr.GMPHD, tr.CPHD])
+def test_known_targets_are_there_from_the_beginning(kind):
+    states = [tr.GaussianState([300.0 * i, 100.0, 0.0, 0.0], np.eye(4), time=3.0) for i in (1, 2, 3)]
+    tracker = make(kind, birth=tr.Birth([]), confirm_after=1).start(states, weights=[1.0, 1.0, 0.2])
+    tracks = tracker.step(tr.Scan(4.0, [[300.0, 100.0], [600.0, 100.0]], sensor="radar"))
+    assert len(tracks) == 2
+    with pytest.raises(tr.TimeError):
+        tracker.run([tr.Scan(3.0, [], sensor="radar")])
+    with pytest.raises(tr.ParameterError, match="2 different times"):
+        make(kind).start([states[0], tr.GaussianState(states[1].mean, np.eye(4), time=4.0)])
+    with pytest.raises(tr.DimensionError, match="initial weights"):
+        make(kind).start(states, weights=[1.0])
 
 
 @pytest.mark.parametrize("kind", [tr.GMPHD, tr.CPHD])

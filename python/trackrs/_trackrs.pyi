@@ -205,6 +205,8 @@ class IntensityTracker:
         sensors: Mapping[str, Sensor],
         update: IntensityUpdate,
         settings: Mapping[str, Any],
+        initial: Sequence[Mapping[str, Any]],
+        time: float | None = None,
     ) -> IntensityTracker: ...
     @staticmethod
     def from_bytes(data: bytes) -> IntensityTracker: ...

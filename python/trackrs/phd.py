@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+import numpy as np
+
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, array, frozen
-from trackrs.errors import DimensionError
+from trackrs.errors import DimensionError, ParameterError
 from trackrs.gating import Gate
 from trackrs.partition import (
     DbscanPartition,
@@ -158,9 +160,16 @@ class _IntensityFilter:
         """Return the same filter with other arguments."""
         return replace(self, **changes)
 
-    def start(self) -> IntensityTracker:
-        """Return a tracker that has seen nothing yet, for scans as they come."""
-        return IntensityTracker(self)
+    def start(
+        self, initial: Sequence[GaussianState] = (), *, weights: float | Sequence[float] = 1.0
+    ) -> IntensityTracker:
+        """Return a tracker for scans as they come.
+
+        Args:
+            initial: targets that are known to be there, all at one time; none: nothing is known.
+            weights: how many targets to expect in each of these states, one for all or one per state.
+        """
+        return IntensityTracker(self, initial, weights)
 
     def run(self, scans: Iterable[Scan]) -> Tracks:
         """Return the confirmed tracks after each of these scans, which are in the order of their times.
@@ -177,12 +186,13 @@ class _IntensityFilter:
         """What the core needs beside the models."""
         sensors = self._sensors()
         adaptive = self.birth if isinstance(self.birth, AdaptiveBirth) else None
+        given = None if isinstance(self.birth, AdaptiveBirth) else self.birth
         return {
             "filter": self.filter,
             "survival_probability": self.survival_probability,
             "detection_probability": by_sensor(self.detection_probability, sensors),
             "clutter_density": by_sensor(self.clutter_density, sensors),
-            "births": [] if isinstance(self.birth, AdaptiveBirth) else _births(self.birth),
+            "births": [] if given is None else _weighted("birth", given.states, given.weights),
             "adaptive_birth": None if adaptive is None else asdict(adaptive),
             "spawns": [],
             "detections_per_target": 1.0,
@@ -394,15 +404,28 @@ class IntensityTracker(Recorder):
 
     Args:
         phd: what defines it.
+        initial: targets that are known to be there, all at one time.
+        weights: how many targets to expect in each of these states.
+
+    Raises:
+        ParameterError: the initial states have different times, or a weight is negative.
     """
 
     __slots__ = ()
     _kind = _trackrs.IntensityTracker
 
-    def __init__(self, phd: _IntensityFilter) -> None:
+    def __init__(
+        self, phd: _IntensityFilter, initial: Sequence[GaussianState] = (), weights: float | Sequence[float] = 1.0
+    ) -> None:
         """Build the tracker."""
+        times = {state.time for state in initial}
+        if len(times) > 1:
+            msg = f"initial: the states are of {len(times)} different times; bring them to one"
+            raise ParameterError(msg)
         cores = {name: sensor._core for name, sensor in phd._sensors().items()}
-        self._core = _trackrs.IntensityTracker(phd.motion._core, cores, phd._update(), phd._settings())
+        known = _weighted("initial", initial, weights)
+        models = (phd.motion._core, cores, phd._update())
+        self._core = _trackrs.IntensityTracker(*models, phd._settings(), known, *times)
         self._labels = tuple(self._core.labels())
 
     def step(self, scan: Scan) -> Tracks:
@@ -444,13 +467,12 @@ def _spawned(spawns: Sequence[Spawn]) -> list[dict[str, Any]]:
     ]
 
 
-def _births(birth: Birth) -> list[dict[str, Any]]:
-    count = len(birth.states)
-    weights = list(birth.weights) if isinstance(birth.weights, Sequence) else [birth.weights] * count
+def _weighted(what: str, states: Sequence[GaussianState], weights: float | Sequence[float]) -> list[dict[str, Any]]:
+    count = len(states)
+    weights = list(weights) if isinstance(weights, Sequence | np.ndarray) else [weights] * count
     if len(weights) != count:
-        msg = f"birth weights: expected {count}, one per state, found {len(weights)}"
+        msg = f"{what} weights: expected {count}, one per state, found {len(weights)}"
         raise DimensionError(msg)
     return [
-        {"weight": weight, "mean": state.mean, "cov": state.cov}
-        for weight, state in zip(weights, birth.states, strict=True)
+        {"weight": weight, "mean": state.mean, "cov": state.cov} for weight, state in zip(weights, states, strict=True)
     ]

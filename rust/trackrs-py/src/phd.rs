@@ -53,6 +53,16 @@ pub(crate) struct WeightedState<'py> {
     cov: PyReadonlyArray2<'py, f64>,
 }
 
+fn weighted(items: &[WeightedState<'_>]) -> PyResult<Vec<Birth>> {
+    let one = |item: &WeightedState<'_>| {
+        Ok(Birth {
+            weight: item.weight,
+            state: array::gaussian(&item.mean, &item.cov)?,
+        })
+    };
+    items.iter().map(one).collect()
+}
+
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct AdaptiveItems {
@@ -148,20 +158,18 @@ impl IntensityUpdate {
 #[pymethods]
 impl IntensityTracker {
     #[new]
+    #[pyo3(signature = (motion, sensors, update, settings, initial, time = None))]
     fn new(
         py: Python<'_>,
         motion: &Motion,
         sensors: BTreeMap<String, PyRef<'_, Sensor>>,
         update: &IntensityUpdate,
         settings: PhdSettings<'_>,
+        initial: Vec<WeightedState<'_>>,
+        time: Option<f64>,
     ) -> PyResult<Self> {
-        let births = settings.births.iter().map(|item| {
-            Ok(Birth {
-                weight: item.weight,
-                state: array::gaussian(&item.mean, &item.cov)?,
-            })
-        });
-        let births = births.collect::<PyResult<Vec<Birth>>>()?;
+        let births = weighted(&settings.births)?;
+        let initial = weighted(&initial)?;
         let spawns = settings.spawns.iter().map(|item| {
             Ok(Spawn {
                 weight: item.weight,
@@ -213,7 +221,7 @@ impl IntensityTracker {
                     min_measurements: count("min_measurements", items.min_measurements)?,
                 }),
             };
-            PhdTracker::new(PhdConfig {
+            let config = PhdConfig {
                 motion,
                 watches,
                 filter: filter(&rule)?,
@@ -235,7 +243,11 @@ impl IntensityTracker {
                     end_after: small("end_after", end_after)?,
                 },
                 strict,
-            })
+            };
+            match time {
+                None => PhdTracker::new(config),
+                Some(time) => PhdTracker::starting(config, &initial, time),
+            }
         })?;
         Ok(Self {
             inner: Mutex::new(tracker),
