@@ -219,10 +219,8 @@ impl PhdTracker {
     }
 
     fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
-        let finite = |c: &Component| {
-            let numbers = c.state.mean.iter().chain(c.state.cov.iter());
-            c.weight.is_finite() && numbers.copied().all(f64::is_finite)
-        };
+        // A sum is finite only if all its terms are.
+        let finite = |c: &Component| (c.weight + c.state.mean.sum() + c.state.cov.sum()).is_finite();
         let before = self.mixture.len();
         self.mixture.retain(finite);
         if self.mixture.len() == before {
