@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trackrs.config import Config
     from trackrs.io import Recording
     from trackrs.metric import Truth
-    from trackrs.tracker import MultiTargetTracker
+    from trackrs.tracker import Recorder
     from trackrs.types import Scan
 
 CHUNK = 64  # scans between two looks at the clock
@@ -77,7 +77,7 @@ def track(
     _report(tracks, tracker, recording, seconds, detections, out, plot, as_json)
 
 
-def run_in_chunks(tracker: MultiTargetTracker, scans: Sequence[Scan]) -> Tracks:
+def run_in_chunks(tracker: Recorder, scans: Sequence[Scan]) -> Tracks:
     """Run the tracker over the scans; a progress bar appears when that takes more than a second on a terminal."""
     parts, begun = [], time.monotonic()
     with ExitStack() as stack:
@@ -107,6 +107,9 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
     existences = [part.existences for part in parts if part.existences is not None]
     if len(existences) == len(parts):
         arrays["existences"] = np.concatenate(existences)
+    expected = [part.expected_targets for part in parts if part.expected_targets is not None]
+    if len(expected) == len(parts):
+        arrays["expected_targets"] = np.concatenate(expected)
     for value in arrays.values():
         value.setflags(write=False)
     return Tracks(sensors=tuple(name for part in parts for name in part.sensors), labels=parts[0].labels, **arrays)
@@ -154,7 +157,7 @@ def _draw(
 
 def _report(
     tracks: Tracks,
-    tracker: MultiTargetTracker,
+    tracker: Recorder,
     recording: Recording,
     seconds: float,
     detections: Path,
