@@ -107,13 +107,17 @@ def test_underwater(tmp_path):
 
 
 def test_readme_python():
-    tracks, hydrophones, head = blocks("python")
+    tracks, hydrophones, head, extended = blocks("python")
     shown = run([sys.executable, "-c", tracks], ROOT)
     assert [line.split()[0] for line in shown.splitlines()] == ["1", "2"]
     filtered, smoothed, rejected = run([sys.executable, "-c", hydrophones], ROOT).split()
     assert float(smoothed) < float(filtered) < 1.5
     assert int(rejected) > 10
     assert len(re.findall(r"-?\d\.\d+", run([sys.executable, "-c", head], ROOT))) == 7
+    numbers, score = run([sys.executable, "-c", extended], ROOT).splitlines()
+    before, after = re.findall(r"\[[\d, ]+\]", numbers)
+    assert before == after
+    assert float(re.findall(r"\d+\.\d+", score)[-1]) < 8.0
 
 
 def test_readme_commands(tmp_path):

@@ -10,8 +10,8 @@
 //! memory.
 //!
 //! Nearest neighbours by comparison with all: O(n²) time. Among many clusters by a k-d tree over the centres of the moment, from
-//! which those that were joined since are left out; the unions since, √n times a constant, are compared one by one, and then
-//! there is a new k-d tree. A node is skipped if h² ≥ 2 n_A s / (n_A + s) d² says so, with the least size s of its time. The
+//! which those joined since are left out; the unions since, √n times a constant, are compared one by one, and then
+//! there is a new k-d tree. A node is skipped if h² ≥ 2 n_A s / (n_A + s) d² says so, with the least size s in it. The
 //! clusters compared and their order in ties are as without it, and so are all merges, bit for bit.
 //!
 //! Reference: J. Ward, *Hierarchical grouping to optimize an objective function*, 1963; F. Murtagh, *A survey of recent advances in
@@ -57,7 +57,8 @@ impl Nearest {
 /// in the tree, or `GONE` for a union since, of which `young` has the places.
 struct Snapshot<'a> {
     index: Index<'a>,
-    least: f64,
+    /// Of every node the least size of its time.
+    least: Vec<f64>,
     places: Vec<usize>,
     numbers: Vec<usize>,
     young: Vec<usize>,
@@ -95,9 +96,10 @@ impl Clusters {
             best.offer(b, self.height_squared(a, b));
         }
         let size = self.sizes[a];
-        let factor = SLACK * 2.0 * size * snapshot.least / (size + snapshot.least);
         let query = self.centre(a);
         snapshot.index.descend(query, |node, reach| {
+            let least = snapshot.least[node];
+            let factor = SLACK * 2.0 * size * least / (size + least);
             if factor * reach.nearest > best.height_squared {
                 return false;
             }
@@ -134,9 +136,20 @@ impl Clusters {
 
 impl<'a> Snapshot<'a> {
     fn new(centres: &'a Points, sizes: &[f64]) -> Self {
+        let index = Index::new(centres);
+        let mut least = vec![f64::INFINITY; index.nodes.len()];
+        // Children stand behind their parent.
+        for (at, node) in index.nodes.iter().enumerate().rev() {
+            least[at] = match node.second {
+                Some(second) => least[at + 1].min(least[second]),
+                None => index.order[node.range.clone()]
+                    .iter()
+                    .fold(f64::INFINITY, |least, &i| least.min(sizes[i])),
+            };
+        }
         Self {
-            index: Index::new(centres),
-            least: sizes.iter().copied().fold(f64::INFINITY, f64::min),
+            index,
+            least,
             places: (0..sizes.len()).collect(),
             numbers: (0..sizes.len()).collect(),
             young: Vec::new(),
