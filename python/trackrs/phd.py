@@ -58,8 +58,8 @@ class AdaptiveBirth:
     """Targets may appear wherever there are measurements that no target explains.
 
     Such measurements, linked up to the distance that holds 80 % of the pairs of one target, leave a birth for the next
-    scan in the middle of every set of `min_measurements` and more: at rest, with the speed bound as uncertainty. Sensors
-    that do not measure where something is leave none.
+    scan in the middle of every set of `min_measurements` and more: at rest, with the speed bound as uncertainty.
+    Sensors that do not measure where something is leave none.
 
     Args:
         weight: expected number of new targets at each such place.
