@@ -1,12 +1,12 @@
 """Tracks in clutter of 10 to 50 false reports a scan: track loss, false tracks and GOSPA, with intervals.
 
-    python benchmarks/tracks_in_clutter.py [--runs 50] [--clutter 10 20 35 50]
+    python benchmarks/tracks_in_clutter.py [--runs 50] [--clutter 10 20 35 50] [--rivals "NPDA 4/6" "NPDA 4/6 pairs"]
 
 Six targets at 10 to 20 m/s begin at random over a square of 1 km in the first 20 of 100 scans of 1 s and stay. A sensor
 reports positions (10 m) with P_D = 0.9, and false ones uniform over the square. GOSPA: c = 50 m, p = 2,
 alpha = 2. Lost: share of the truth's time after its tenth scan at which no confirmed track is within 50 m of it. A
 confirmed track is false if it is within 50 m of a truth for less than half of its life. Where hits are counted a track
-is confirmed after 8 of 10, because 4 of 6 drown in false tracks.
+is confirmed after 8 of 10, because 4 of 6 drown in false tracks. "Pairs" begin tracks from two reports of at most 2 s.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ SENSORS = {"radar": tr.PositionSensor(dims=2, std=STD)}
 CUT = 50.0
 # A quarter of what a report begins with in the densest clutter: joint sums over still fainter tracks take seconds.
 DROP = 3e-4
+RIVALS = (
+    *("GNN", "GNN 4/6", "GNN 4/6 pairs", "NPDA 4/6", "NPDA 4/6 pairs"),
+    *("JPDA", "JPDA*", "JIPDA", "JIPDA*"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +62,17 @@ def draw(run: int, clutter: float) -> Scene:
 def make_tracker(name: str, clutter: float) -> tr.MultiTargetTracker:
     """One of the rivals."""
     counting = {"initiator": tr.MofN(8, 10, max_speed=SPEED)}
+    few = tr.MofN(4, 6, max_speed=SPEED)
+    pairs = tr.MofN(4, 6, max_speed=SPEED, pair_within=2.0)
+    npda = tr.NPDA(clutter_probability=None)
     # New targets per scan over new targets and false reports per scan.
     births = TARGETS / SCANS
     believing = {"initiator": tr.Existence(SPEED, births / (births + clutter), 0.95, drop=DROP, lifetime=300.0)}
     associator, settings = {
-        "GNN 4/6": (tr.GlobalNearestNeighbour(), {"initiator": tr.MofN(4, 6, max_speed=SPEED)}),
+        "GNN 4/6": (tr.GlobalNearestNeighbour(), {"initiator": few}),
+        "GNN 4/6 pairs": (tr.GlobalNearestNeighbour(), {"initiator": pairs}),
+        "NPDA 4/6": (npda, {"initiator": few}),
+        "NPDA 4/6 pairs": (npda, {"initiator": pairs}),
         "GNN": (tr.GlobalNearestNeighbour(), counting),
         "JPDA": (tr.JPDA(), counting),
         "JPDA*": (tr.JPDA(coalescence_free=True), counting),
@@ -118,14 +128,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=50, help="(%(default)s)")
     parser.add_argument("--clutter", type=float, nargs="*", default=[10.0, 20.0, 35.0, 50.0], help="(%(default)s)")
+    parser.add_argument("--rivals", nargs="*", default=RIVALS, choices=RIVALS, metavar="NAME", help=f"of {RIVALS}")
     arguments = parser.parse_args()
     print(
         f"{arguments.runs} runs, mean ± 95 %: GOSPA m, lost share, false tracks a run, false share of confirmed tracks"
     )
     for clutter in arguments.clutter:
         scenes = [draw(run, clutter) for run in range(arguments.runs)]
-        gnn = np.zeros(arguments.runs)
-        for name in ("GNN", "GNN 4/6", "JPDA", "JPDA*", "JIPDA", "JIPDA*"):
+        gnn = np.full(arguments.runs, np.nan)
+        for name in arguments.rivals:
             scores = [score(scene, make_tracker(name, clutter).run(scene.scans)) for scene in scenes]
             gospas = np.array([s.gospa for s in scores])
             if name == "GNN":
@@ -134,7 +145,7 @@ def main() -> None:
             columns = [gospas, [s.lost for s in scores], [s.false for s in scores], gospas - gnn]
             cells = [f"{np.mean(c):7.3f} ± {1.96 * np.std(c) / np.sqrt(len(c)):.3f}" for c in columns]
             print(
-                f"{clutter:4g} {name:8}" + "   ".join(cells[:3]) + f"   {false}/{confirmed} = {false / confirmed:.3f}"
+                f"{clutter:4g} {name:15}" + "   ".join(cells[:3]) + f"   {false}/{confirmed} = {false / confirmed:.3f}"
                 f"   GOSPA - GNN {cells[3]}",
                 flush=True,
             )

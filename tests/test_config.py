@@ -135,6 +135,28 @@ def test_associators_and_initiators_have_kinds(load):
     assert 'clutter_density of "radar"' in message(load, text.replace("radar = 1e-4, ", ""))
 
 
+def test_none_where_it_is_not_the_default(load):
+    npda = 'associator = {type = "npda", clutter_probability = "none"}\nclutter_density = 1e-3'
+    text = GOOD.replace('associator = "nearest_neighbour"', npda)
+    config = load(text)
+    assert config.tracker["associator"] == tr.NPDA(clutter_probability=None)
+    assert isinstance(config.make_tracker(), tr.MultiTargetTracker)
+    assert 'clutter_density of "radar"' in message(load, text.replace("\nclutter_density = 1e-3", ""))
+    assert 'must be a number, or "none"' in message(load, text.replace('"none"', '"density"'))
+    # Where None is the default, a key is left out.
+    assert message(load, GOOD.replace("max_gap = 30.0", 'max_gap = "none"')).endswith("must be a number")
+
+
+def test_pairs_of_reports_begin_tracks(load):
+    text = GOOD.replace("min_displacement = 10.0}", "min_displacement = 10.0, pair_within = 30}")
+    config = load(text)
+    assert config.tracker["initiator"] == tr.MofN(2, 3, max_speed=12.0, min_displacement=10.0, pair_within=30.0)
+    assert isinstance(config.make_tracker(), tr.MultiTargetTracker)
+    assert "[tracker.initiator] pair_within = -1 is invalid" in message(load, text.replace("= 30}", "= -1}"))
+    still = text.replace('"constant_velocity"', '"random_walk"').replace("accel_psd", "velocity_psd")
+    assert "[tracker.initiator] pair_within = 30 is invalid: must not be given" in message(load, still)
+
+
 def test_only_models_and_tracker_are_needed(load):
     text = GOOD[: GOOD.index("[tracker]")] + "[tracker.initiator]\nm = 1\nn = 1\nmax_speed = 1"
     config = load(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +20,15 @@ INITIAL = [
     for x, p in zip(DATA["x0"], DATA["P0"], strict=True)
 ]
 RADAR = tr.RangeBearing(position=(0, 0), range_std=20.0, bearing_std=1e-3)
+COUNTING = tr.MofN(3, 5, max_speed=1e6)
 GATE_16 = 1.0 - np.exp(-8.0)  # two components
 
 
-def make_tracker(associator, *, gate=1.0, initial=INITIAL, **changes):
+def make_tracker(associator, *, gate=1.0, initial=INITIAL, initiator=COUNTING, **changes):
     return tr.MultiTargetTracker(
         tr.ConstantVelocity(dims=2, accel_std=2.0),
         sensors={"radar": RADAR},
-        initiator=tr.MofN(3, 5, max_speed=1e6),
+        initiator=initiator,
         associator=associator,
         gate=tr.Gate(gate),
         deletion=tr.Deletion(max_misses=1000),
@@ -109,6 +111,16 @@ def test_golden_innovation_across_the_half_turn():
     update = tr.ExtendedKalmanFilter(tr.ConstantVelocity(dims=2, accel_std=2.0), RADAR).update(start, golden["z"])
     assert np.allclose(update.innovation, golden["nu"][0], rtol=0, atol=1e-9)
     assert np.allclose(update.innovation_cov, golden["S"][0], rtol=1e-9, atol=1e-15)
+
+
+def test_golden_track_of_two_reports():
+    golden = json.loads((Path(__file__).parent / "data" / "npda_wrap_and_initiation.json").read_text())["initiation"]
+    tracker = make_tracker(tr.NPDA(), initial=(), initiator=tr.MofN(2, 3, max_speed=100.0, pair_within=30.0))
+    tracks = tracker.run(single_scans(golden["t"], golden["z"]))
+    assert tracks.offsets.tolist() == [0, 0, 1]
+    assert np.allclose(tracks.means[0], np.array(golden["x"])[BLOCKS], rtol=1e-12, atol=1e-9)
+    assert np.allclose(tracks.covs[0], np.array(golden["P"])[np.ix_(BLOCKS, BLOCKS)], rtol=1e-9, atol=0)
+    assert tracks.hits.tolist() == [2]
 
 
 def drawn_scans(seed, reports=1, steps=20, d=120.0):
@@ -212,6 +224,27 @@ def test_covariances_stay_positive_definite_and_a_saved_tracker_goes_on_bit_for_
     assert resumed.to_bytes() == through.to_bytes()
     ledger = through.ledger
     assert ledger.rows_in == ledger.used == sum(len(scan) for scan in scans)
+
+
+@pytest.mark.parametrize(("associator", "settings"), ASSOCIATORS)
+def test_pairs_of_reports_begin_tracks_with_every_associator(associator, settings):
+    """Step by step, pickled after every scan, as in one go; the targets found move as they do."""
+    initiator = settings.get("initiator", tr.MofN(4, 6, max_speed=150.0))
+    settings = settings | {"initiator": dataclasses.replace(initiator, pair_within=30.0), "deletion": None}
+    scans = drawn_scans(11, reports=3, d=1500.0)
+    tracks = tracker_of(associator, settings).run(scans)
+    stepped = tracker_of(associator, settings)
+    for k, scan in enumerate(scans):
+        stepped = pickle.loads(pickle.dumps(stepped))
+        step = stepped.step(scan)
+        rows = slice(tracks.offsets[k], tracks.offsets[k + 1])
+        assert np.array_equal(step.means, tracks.means[rows])
+        assert np.array_equal(step.covs, tracks.covs[rows])
+    assert stepped.ledger.used == stepped.ledger.rows_in == 60
+    last = tracks.of_scan(len(scans) - 1)
+    assert sorted(round(track.state.mean[1] / 1500.0 - 2.0 / 3.0) for track in last) == [0, 1, 2]
+    for track in last:
+        assert track.state.mean[2:] == pytest.approx([100.0, 0.0], abs=15.0)
 
 
 # --- faults ----------------------------------------------------------------------------------------------------------

@@ -76,7 +76,17 @@ if TYPE_CHECKING:
         TwoLevelPartition,
         TwoLevels,
     )
-    from trackrs.phd import AdaptiveBirth, Birth, DetectionRate, ExtendedGMPHD, IntensityTracker, Mixture, Spawn
+    from trackrs.phd import (
+        CPHD,
+        GMPHD,
+        AdaptiveBirth,
+        Birth,
+        DetectionRate,
+        ExtendedGMPHD,
+        IntensityTracker,
+        Mixture,
+        Spawn,
+    )
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.timing import RegularTimes, regularise
@@ -98,6 +108,8 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "CPHD",
+    "GMPHD",
     "GOSPA",
     "JIPDA",
     "JPDA",

@@ -14,6 +14,7 @@ __all__ = [
     "ExtendedTargets",
     "Filter",
     "IntensityTracker",
+    "IntensityUpdate",
     "LocalFrame",
     "Motion",
     "OutlierFilter",
@@ -202,9 +203,10 @@ class IntensityTracker:
         cls,
         motion: Motion,
         sensors: Mapping[str, Sensor],
-        partition: Partitioner,
-        clutter_filter: OutlierFilter | None,
+        update: IntensityUpdate,
         settings: Mapping[str, Any],
+        initial: Sequence[Mapping[str, Any]],
+        time: float | None = None,
     ) -> IntensityTracker: ...
     @staticmethod
     def from_bytes(data: bytes) -> IntensityTracker: ...
@@ -212,10 +214,26 @@ class IntensityTracker:
     def step(self, scan: Scan) -> dict[str, Any]: ...
     def run(self, scans: Sequence[Scan]) -> dict[str, Any]: ...
     def mixture(self) -> dict[str, Any]: ...
+    def cardinality(self) -> _Array | None: ...
     def labels(self) -> list[str]: ...
     def events(self) -> list[dict[str, Any]]: ...
     def event_counts(self) -> dict[str, int]: ...
     def ledger(self) -> dict[str, Any]: ...
+
+@final
+class IntensityUpdate:
+    @staticmethod
+    def extended(
+        partition: Partitioner,
+        clutter_filter: OutlierFilter | None,
+        superposition: bool,
+        learnt: tuple[float, float] | None,
+        prune: float,
+    ) -> IntensityUpdate: ...
+    @staticmethod
+    def point(gate: float, prune: float) -> IntensityUpdate: ...
+    @staticmethod
+    def cardinalised(gate: float, prune: float, max_targets: int) -> IntensityUpdate: ...
 
 @final
 class OutlierFilter:

@@ -2,7 +2,9 @@
 
 The tables of the file mirror the classes: `[motion]`, `[sensors.NAME]` and `[tracker]` hold the arguments of a motion
 model, a sensor and `MultiTargetTracker`; `[input]`, `[truth]`, `[score]` and `[plot]` those of the classes below.
-`type = "constant_velocity"` names a class in snake case. `examples/harbour.toml` shows all of it.
+`type = "constant_velocity"` names a class in snake case. TOML has no None: leave a key out where that is the default,
+and write "none" where it is not, as in `associator = {type = "npda", clutter_probability = "none"}`, which goes by
+`clutter_density`. `examples/harbour.toml` shows all of it.
 """
 
 from __future__ import annotations
@@ -238,18 +240,29 @@ class _Argument:
     name: str
     annotation: str
     required: bool
+    default: object = None
+
+    @property
+    def takes_none(self) -> bool:
+        """Whether None is a choice that leaving it out does not make."""
+        return self.annotation.endswith(" | None") and not self.required and self.default is not None
 
 
 def _arguments(target: Callable[..., Any]) -> list[_Argument]:
     """The arguments that a table may give to `target`."""
     if isinstance(target, type) and hasattr(target, "__dataclass_fields__"):
         return [
-            _Argument(field.name, str(field.type), field.default is MISSING and field.default_factory is MISSING)
+            _Argument(
+                field.name,
+                str(field.type),
+                field.default is MISSING and field.default_factory is MISSING,
+                field.default,
+            )
             for field in fields(target)
             if field.init
         ]
     parameters = inspect.signature(target).parameters.values()
-    return [_Argument(p.name, str(p.annotation), p.default is inspect.Parameter.empty) for p in parameters]
+    return [_Argument(p.name, str(p.annotation), p.default is inspect.Parameter.empty, p.default) for p in parameters]
 
 
 def _shown(value: object) -> str:
@@ -348,11 +361,14 @@ class _Loader:
 
     def value(self, value: Any, argument: _Argument, where: str) -> Any:  # noqa: ANN401 (as TOML has it)
         annotation = argument.annotation.removesuffix(" | None")
+        if argument.takes_none and value == "none":
+            return None
         if choices := _LITERAL.fullmatch(annotation):
             return self.choice(value, re.findall(r"['\"](\w+)['\"]", choices[1]), f"{where} {argument.name}")
         kind = _KINDS[annotation]
         if not kind.accepts(value):
-            self.fail(where, f" {argument.name} = {_shown(value)} is invalid: must be {kind.words}")
+            words = f'{kind.words}, or "none"' if argument.takes_none else kind.words
+            self.fail(where, f" {argument.name} = {_shown(value)} is invalid: must be {words}")
         if annotation == "float":
             return float(value)
         return tuple(value) if annotation == "tuple[str, ...]" else value

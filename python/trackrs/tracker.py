@@ -31,10 +31,18 @@ class MofN:
     Args:
         m: hits needed.
         n: scans they must fall in, at most 64.
-        max_speed: upper bound on the speed of a target, m/s; also the uncertainty of a new track's velocity (2 sigma).
+        max_speed: upper bound on the speed of a target, m/s.
         min_displacement: a track must have moved this far from where it began, metres. 0 confirms targets at rest.
         min_separation: no track is confirmed closer than this to a confirmed one, metres, because one target may give
             several reports.
+        pair_within: two-point initiation. A report that no track takes waits for so many seconds (30 in the reference
+            rule) for a second one that a target of at most `max_speed` can have made; the most recent of such pairs
+            begins the track, with the velocity between the two, and both are hits. The motion must have velocities;
+            accelerations begin at 0 with a standard deviation of `max_speed` / 10 s. None: every report begins a track,
+            at rest, and `max_speed` is two sigma of its velocity.
+
+    Reference:
+        `pair_within`: spec label N14; docs/association.md has the equations.
     """
 
     m: int
@@ -42,6 +50,7 @@ class MofN:
     max_speed: float
     min_displacement: float = 0.0
     min_separation: float = 0.0
+    pair_within: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +60,7 @@ class Existence:
     A report starts a track with the probability `initial` times that of no track explaining it.
 
     Args:
-        max_speed: upper bound on the speed of a target, m/s; also the uncertainty of a new track's velocity (2 sigma).
+        max_speed: upper bound on the speed of a target, m/s.
         initial: probability that a report which no track explains is of a new target: new targets per scan over new
             targets and false reports per scan.
         confirm: a track is confirmed from this existence on.
@@ -60,6 +69,7 @@ class Existence:
         min_displacement: a track must have moved this far from where it began, metres. 0 confirms targets at rest.
         min_separation: no track begins or is confirmed closer than this to a confirmed one, metres, because one target
             may give several reports.
+        pair_within: as in `MofN`; `initial` is then the probability that a pair is of a new target.
     """
 
     max_speed: float
@@ -69,6 +79,7 @@ class Existence:
     lifetime: float = 300.0
     min_displacement: float = 0.0
     min_separation: float = 0.0
+    pair_within: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +179,7 @@ class MultiTargetTracker(Recorder):
             rad) for range and bearing), one for all sensors or by sensor. 0: there are none.
         clutter_map: keep static echoes from starting tracks.
         max_gap: end all tracks when no scan came for so many seconds.
-        max_tracks: no more than so many tracks, tentative ones included.
+        max_tracks: no more than so many tracks, tentative ones and reports that wait for a second one included.
         strict: the first event (a refused or late report) raises `StrictError`.
         initial: states of tracks that are there from the beginning.
 

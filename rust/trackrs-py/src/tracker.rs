@@ -37,6 +37,7 @@ pub(crate) enum InitiatorItems {
         max_speed: f64,
         min_displacement: f64,
         min_separation: f64,
+        pair_within: Option<f64>,
     },
     #[pyo3(from_item_all)]
     Existence {
@@ -47,6 +48,7 @@ pub(crate) enum InitiatorItems {
         lifetime: f64,
         min_displacement: f64,
         min_separation: f64,
+        pair_within: Option<f64>,
     },
 }
 
@@ -95,12 +97,14 @@ fn initiator(items: &InitiatorItems) -> trackrs::Result<Initiator> {
             max_speed,
             min_displacement,
             min_separation,
+            pair_within,
         } => Ok(Initiator::MofN(MofN {
             m: small("m", m)?,
             n: small("n", n)?,
             max_speed,
             min_displacement,
             min_separation,
+            pair_within,
         })),
         InitiatorItems::Existence {
             max_speed,
@@ -110,6 +114,7 @@ fn initiator(items: &InitiatorItems) -> trackrs::Result<Initiator> {
             lifetime,
             min_displacement,
             min_separation,
+            pair_within,
         } => Ok(Initiator::Existence(Existence {
             max_speed,
             initial,
@@ -118,6 +123,7 @@ fn initiator(items: &InitiatorItems) -> trackrs::Result<Initiator> {
             lifetime,
             min_displacement,
             min_separation,
+            pair_within,
         })),
     }
 }

@@ -70,6 +70,7 @@ fn config() -> trackrs::Result<TrackerConfig> {
         max_speed: 8.0,
         min_displacement: 15.0,
         min_separation: 30.0,
+        pair_within: None,
     });
     config.deletion = Some(Deletion {
         max_misses: 6,

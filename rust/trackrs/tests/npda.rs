@@ -145,6 +145,7 @@ fn tracker(associator: Associator) -> MultiTargetTracker {
             lifetime: 60.0,
             min_displacement: 0.0,
             min_separation: 0.0,
+            pair_within: None,
         });
     }
     config.initial = [0.0, 6.0]
@@ -153,6 +154,17 @@ fn tracker(associator: Associator) -> MultiTargetTracker {
             state: Gaussian::new(DVector::from_vec(vec![0.0, y, 3.0, 0.0]), DMatrix::identity(4, 4) * 4.0).unwrap(),
         })
         .to_vec();
+    MultiTargetTracker::new(config).unwrap()
+}
+
+/// The same, where tracks begin from nothing but pairs of reports.
+fn by_pairs(associator: Associator) -> MultiTargetTracker {
+    let mut config = tracker(associator).config().clone();
+    config.initial.clear();
+    match &mut config.initiator {
+        Initiator::MofN(rule) => rule.pair_within = Some(5.0),
+        Initiator::Existence(rule) => rule.pair_within = Some(5.0),
+    }
     MultiTargetTracker::new(config).unwrap()
 }
 
@@ -186,27 +198,26 @@ fn every_associator_keeps_its_covariances_its_ledger_and_its_bits() {
     for associator in associators() {
         for seed in 0..4 {
             let scans = scans(seed);
-            let mut tracker = tracker(associator);
             let rows: u64 = scans.iter().map(|scan| scan.values.len() as u64).sum();
             let (first, second) = scans.split_at(30);
-            for tracks in tracker.run(first).unwrap() {
-                for track in tracks {
+            for mut tracker in [tracker(associator), by_pairs(associator)] {
+                let mut seen = 0;
+                for track in tracker.run(first).unwrap().into_iter().flatten() {
                     assert!(eigen_range(&track.state.cov).unwrap().min > 0.0, "{associator:?}");
                     assert_eq!(
                         track.existence.is_some(),
                         matches!(associator, Associator::Jipda { .. })
                     );
                     assert!(track.existence.is_none_or(|r| (0.0..=1.0).contains(&r)));
+                    seen += 1;
                 }
+                assert!(seen > 0, "{associator:?}");
+                let mut copy = MultiTargetTracker::from_bytes(&tracker.to_bytes().unwrap()).unwrap();
+                let after = tracker.run(second).unwrap();
+                assert_eq!(copy.run(second).unwrap(), after, "{associator:?}");
+                assert_eq!(copy.to_bytes().unwrap(), tracker.to_bytes().unwrap());
+                assert_eq!((tracker.ledger().rows_in, tracker.ledger().used), (rows, rows));
             }
-            let mut copy = MultiTargetTracker::from_bytes(&tracker.to_bytes().unwrap()).unwrap();
-            assert_eq!(
-                copy.run(second).unwrap(),
-                tracker.run(second).unwrap(),
-                "{associator:?}"
-            );
-            assert_eq!(copy.to_bytes().unwrap(), tracker.to_bytes().unwrap());
-            assert_eq!((tracker.ledger().rows_in, tracker.ledger().used), (rows, rows));
         }
     }
 }

@@ -11,6 +11,7 @@ use trackrs::model::sensor::{PositionSensor, RangeBearing};
 use trackrs::model::{MotionModel, SensorModel};
 use trackrs::tracker::clutter_map::ClutterMap;
 use trackrs::tracker::config::TrackerConfig;
+use trackrs::tracker::lifecycle::Initiator;
 use trackrs::tracker::multi_target::MultiTargetTracker;
 use trackrs::{Error, Scan};
 
@@ -34,6 +35,15 @@ fn tracker() -> MultiTargetTracker {
         memory: 30.0,
     });
     config.max_tracks = 50;
+    MultiTargetTracker::new(config).unwrap()
+}
+
+/// The same, where tracks begin from pairs of reports.
+fn by_pairs() -> MultiTargetTracker {
+    let mut config = tracker().config().clone();
+    if let Initiator::MofN(rule) = &mut config.initiator {
+        rule.pair_within = Some(20.0);
+    }
     MultiTargetTracker::new(config).unwrap()
 }
 
@@ -76,7 +86,7 @@ fn wild_scan(rng: &mut Pcg64, time: f64) -> Scan {
 fn no_input_breaks_it_and_no_row_is_lost() {
     for seed in 0..300 {
         let mut rng = Pcg64::seed_from_u64(seed);
-        let mut tracker = tracker();
+        let mut tracker = if seed % 3 == 0 { by_pairs() } else { tracker() };
         for k in 0..60 {
             let scan = wild_scan(&mut rng, f64::from(k));
             for track in tracker.step(&scan).unwrap() {
@@ -103,7 +113,10 @@ fn no_input_breaks_it_and_no_row_is_lost() {
 
 #[test]
 fn bytes_that_pass_the_checksum_are_still_checked() {
-    let bytes = tracker().to_bytes().unwrap();
+    let mut tracker = by_pairs();
+    let values = vec![DVector::from_vec(vec![3.0, 4.0])];
+    tracker.step(&Scan::new(0.0, "radar", values)).unwrap();
+    let bytes = tracker.to_bytes().unwrap();
     let mut rng = Pcg64::seed_from_u64(7);
     let mut refused = 0;
     for _ in 0..20_000 {
@@ -126,13 +139,14 @@ fn bytes_that_pass_the_checksum_are_still_checked() {
 
 #[test]
 fn the_number_of_tracks_is_bounded_and_said() {
-    let mut tracker = tracker();
-    let values = (0..80)
-        .map(|k| DVector::from_vec(vec![100.0 * f64::from(k), 0.0]))
-        .collect();
-    tracker.step(&Scan::new(0.0, "lidar", values)).unwrap();
-    let counts: Vec<u64> = tracker.events().counts().values().copied().collect();
-    assert_eq!(counts, [30]);
+    for mut tracker in [tracker(), by_pairs()] {
+        let values = (0..80)
+            .map(|k| DVector::from_vec(vec![100.0 * f64::from(k), 0.0]))
+            .collect();
+        tracker.step(&Scan::new(0.0, "lidar", values)).unwrap();
+        let counts: Vec<u64> = tracker.events().counts().values().copied().collect();
+        assert_eq!(counts, [30]);
+    }
 }
 
 #[test]

@@ -26,7 +26,6 @@
 //! 48(4); extended-target spec 4 and 8. Deviation: the gate is the quantile of .999, which spec 8.3 gives as 13.8 for two
 //! components.
 
-use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use super::cells::{Cells, Divisions};
@@ -35,8 +34,8 @@ use super::mixture::Component;
 use super::rate::RateModel;
 use super::sums::{log_add, log_sum};
 use super::view::{Noise, View};
+use super::{Sight, Updated};
 use crate::error::{Error, Result};
-use crate::filter::extended::Rule;
 use crate::model::Sensor;
 use crate::partition::lof::LocalOutlierFactor;
 use crate::partition::{self, PartitionModel, Points};
@@ -57,29 +56,6 @@ pub struct ExtendedUpdate {
     pub superposition: bool,
     /// New components of this weight and below are not made.
     pub prune: f64,
-}
-
-/// What a sensor measures, of what, and how it is seen.
-pub struct Sight<'a> {
-    /// The sensor.
-    pub sensor: &'a dyn Sensor,
-    /// Where it is, if it moves.
-    pub platform: Option<&'a DVector<f64>>,
-    /// How h is linearised.
-    pub rule: Rule,
-    /// p_D, in (0, 1].
-    pub detection_probability: f64,
-    /// κ.
-    pub clutter_density: f64,
-}
-
-/// What an update gives.
-pub struct Updated {
-    /// The mixture, not reduced: first all components as missed.
-    pub components: Vec<Component>,
-    /// Components that could not be compared with the scan, because the sensor stands on them or their covariance is not
-    /// positive definite. They stay as they were.
-    pub skipped: usize,
 }
 
 /// Everything that a block needs of the scan.

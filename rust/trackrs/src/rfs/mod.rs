@@ -1,10 +1,41 @@
 //! Random finite sets: filters that carry the intensity of all targets together, as a mixture of Gaussians.
 
 pub(crate) mod cells;
+pub mod cphd;
 pub mod extended_gm_phd;
+pub mod gm_phd;
 pub(crate) mod group;
 pub mod mixture;
 pub mod prediction;
 pub mod rate;
 pub(crate) mod sums;
 pub(crate) mod view;
+
+use nalgebra::DVector;
+
+use crate::filter::extended::Rule;
+use crate::model::Sensor;
+use mixture::Component;
+
+/// What a sensor measures, of what, and how it is seen.
+pub struct Sight<'a> {
+    /// The sensor.
+    pub sensor: &'a dyn Sensor,
+    /// Where it is, if it moves.
+    pub platform: Option<&'a DVector<f64>>,
+    /// How h is linearised.
+    pub rule: Rule,
+    /// p_D, in (0, 1].
+    pub detection_probability: f64,
+    /// κ.
+    pub clutter_density: f64,
+}
+
+/// What an update gives.
+pub struct Updated {
+    /// The mixture, not reduced: first all components as missed.
+    pub components: Vec<Component>,
+    /// Components that could not be compared with the scan, because the sensor stands on them or their covariance is not
+    /// positive definite. They stay as they were.
+    pub skipped: usize,
+}

@@ -46,7 +46,7 @@ pub struct TrackerConfig {
     pub clutter_map: Option<ClutterMap>,
     /// All tracks end when no scan came for so many seconds, if bounded.
     pub max_gap: Option<f64>,
-    /// No more than so many tracks, tentative ones included.
+    /// No more than so many tracks, tentative ones and reports that wait for a second one included.
     pub max_tracks: usize,
     /// The first event is an error.
     pub strict: bool,
@@ -71,6 +71,7 @@ impl TrackerConfig {
                 max_speed,
                 min_displacement: 0.0,
                 min_separation: 0.0,
+                pair_within: None,
             }),
             deletion: None,
             clutter_map: None,
@@ -100,6 +101,11 @@ impl TrackerConfig {
             return Err(Error::invalid("max_tracks", 0, "must be at least 1"));
         }
         self.initiator.check()?;
+        let has_velocity = self.motion.state_dim() >= 2 * self.motion.position_dims();
+        if let Some(within) = self.initiator.pair_within().filter(|_| !has_velocity) {
+            let requirement = "must not be given: the motion has no velocity";
+            return Err(Error::invalid("pair_within", within, requirement));
+        }
         self.deletion.map_or(Ok(()), |rule| rule.check())?;
         self.check_association()?;
         self.clutter_map.map_or(Ok(()), |map| map.check())?;

@@ -14,6 +14,8 @@
 //! * Between scans existence decays with `lifetime`: r ← r e^(−Δt/lifetime).
 //! * A tentative track is confirmed at `confirm`, if it has moved and stands clear as above; every track ends below `drop`.
 //!
+//! Either way a track begins from one report, at rest, or where `pair_within` is given from two (`two_point`).
+//!
 //! References: Bar-Shalom, Li (1995), §3.3 (M of N); Blackman, Popoli (1999), §6.2; Mušicki, Evans (2004), JIPDA.
 
 use nalgebra::{DMatrix, DVector};
@@ -36,6 +38,9 @@ pub struct MofN {
     pub min_displacement: f64,
     /// No track is confirmed closer than this to a confirmed one, metres: one target may give several reports.
     pub min_separation: f64,
+    /// If given, two reports begin a track, at most so many seconds apart; both are hits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pair_within: Option<f64>,
 }
 
 impl MofN {
@@ -70,6 +75,9 @@ pub struct Existence {
     pub min_displacement: f64,
     /// No track begins or is confirmed closer than this to a confirmed one, metres.
     pub min_separation: f64,
+    /// If given, two reports begin a track, at most so many seconds apart; `initial` is the probability of the pair.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pair_within: Option<f64>,
 }
 
 impl Existence {
@@ -115,6 +123,16 @@ impl Initiator {
         match self {
             Self::MofN(rule) => rule.check(),
             Self::Existence(rule) => rule.check(),
+        }?;
+        self.pair_within()
+            .map_or(Ok(()), |within| require_positive("pair_within", within))
+    }
+
+    /// How long a report waits for a second one to begin a track with, seconds; `None`: one report is enough.
+    pub fn pair_within(&self) -> Option<f64> {
+        match self {
+            Self::MofN(rule) => rule.pair_within,
+            Self::Existence(rule) => rule.pair_within,
         }
     }
 
@@ -242,20 +260,22 @@ impl Start {
         let median = |axis: usize| {
             let mut values: Vec<f64> = self.reports.iter().map(|report| report[axis]).collect();
             values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
+            f64::midpoint(values[(values.len() - 1) / 2], values[values.len() / 2])
         };
         DVector::from_iterator(self.reports[0].len(), (0..self.reports[0].len()).map(median))
     }
 }
 
-/// A state at rest at the reported position; what is not reported is as uncertain as the speed bound leaves it.
-pub fn start_state(position: &Gaussian, motion: &dyn Motion, max_speed: f64) -> Gaussian {
-    let dims = position.dim();
+/// A state of which only the position is known, or position and velocity: the rest is 0, and as uncertain as the speed
+/// bound leaves it.
+pub fn start_state(known: &Gaussian, motion: &dyn Motion, max_speed: f64) -> Gaussian {
+    let dims = motion.position_dims();
     let n = motion.state_dim();
+    let m = known.dim();
     let mut mean = DVector::zeros(n);
-    mean.rows_mut(0, dims).copy_from(&position.mean);
+    mean.rows_mut(0, m).copy_from(&known.mean);
     let mut cov = DMatrix::zeros(n, n);
-    for i in dims..n {
+    for i in m..n {
         let std = if i < 2 * dims {
             max_speed / 2.0
         } else {
@@ -263,7 +283,7 @@ pub fn start_state(position: &Gaussian, motion: &dyn Motion, max_speed: f64) -> 
         };
         cov[(i, i)] = std * std;
     }
-    cov.view_mut((0, 0), (dims, dims)).copy_from(&position.cov);
+    cov.view_mut((0, 0), (m, m)).copy_from(&known.cov);
     Gaussian { mean, cov }
 }
 
@@ -311,6 +331,7 @@ mod tests {
         max_speed: 10.0,
         min_displacement: 0.0,
         min_separation: 0.0,
+        pair_within: None,
     };
 
     fn window(scans: &[u8]) -> Window {

@@ -12,3 +12,4 @@ pub mod multi_target;
 pub mod phd;
 mod population;
 mod sequential;
+mod two_point;

@@ -9,7 +9,8 @@
 //! 5. tracks are confirmed and ended ([`super::lifecycle`]);
 //! 6. reports that no track took, that are no static echo and lie in no confirmed track's gate start tentative tracks,
 //!    at rest, with the speed bound as uncertainty. With existence probabilities every report does, with the probability
-//!    that it is of no track.
+//!    that it is of no track. Where asked for, pairs of such reports start the tracks instead (`two_point`).
+//!    A track whose reports are enough by then is confirmed at once.
 //!
 //! Sensors are taken one after the other as their scans come; a scan updates only what its own sensor can see.
 
@@ -22,6 +23,7 @@ use super::joint::Group;
 use super::lifecycle::{Initiator, Start, Window};
 use super::live::LiveTrack;
 use super::look::Look;
+use super::two_point::Waiting;
 use crate::association::associator::Associator;
 use crate::error::{Error, Result, require_finite, require_probability, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
@@ -37,6 +39,9 @@ pub struct MultiTargetTracker {
     pub(super) config: TrackerConfig,
     pub(super) intake: Intake,
     pub(super) tracks: Vec<LiveTrack>,
+    /// Reports that wait for a second one to begin a track with, in the order of their times.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) waiting: Vec<Waiting>,
     pub(super) next_id: u64,
     pub(super) clutter: Option<ClutterMapState>,
 }
@@ -48,6 +53,7 @@ impl MultiTargetTracker {
         let mut tracker = Self {
             intake: Intake::new(config.initial.iter().map(|s| s.time).reduce(f64::max), config.strict),
             tracks: Vec::new(),
+            waiting: Vec::new(),
             next_id: 1,
             clutter: config.clutter_map.map(ClutterMapState::new),
             config,
@@ -151,6 +157,7 @@ impl MultiTargetTracker {
             self.confirm(scan.time);
             self.initiate(&look)?;
             self.drop_diverged(scan, "their estimate")?;
+            self.confirm(scan.time);
         }
         Ok(self.tracks())
     }
@@ -177,6 +184,9 @@ impl MultiTargetTracker {
         self.intake
             .time
             .map_or(Ok(()), |time| require_finite("time", [&time]))?;
+        for report in &self.waiting {
+            report.check_restored(self.config.motion.position_dims(), self.config.sensors.len())?;
+        }
         for track in &self.tracks {
             require_size("track state", self.config.motion.state_dim(), track.state.dim())?;
             require_size(
@@ -201,10 +211,13 @@ impl MultiTargetTracker {
         let before = self.intake.time.unwrap_or(scan.time);
         let dt = scan.time - before;
         self.intake.time = Some(scan.time);
-        if self.config.max_gap.is_some_and(|gap| dt > gap) && !self.tracks.is_empty() {
-            let reason = format!("{dt} s without a scan: {} tracks ended", self.tracks.len());
-            self.tracks.clear();
-            self.intake.record(scan, EventCode::GapReset, None, &reason)?;
+        if self.config.max_gap.is_some_and(|gap| dt > gap) {
+            self.waiting.clear();
+            if !self.tracks.is_empty() {
+                let reason = format!("{dt} s without a scan: {} tracks ended", self.tracks.len());
+                self.tracks.clear();
+                self.intake.record(scan, EventCode::GapReset, None, &reason)?;
+            }
         }
         if let Initiator::Existence(rule) = self.config.initiator {
             let survival = rule.survival(dt);

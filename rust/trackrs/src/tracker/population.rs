@@ -4,12 +4,21 @@ use super::lifecycle::{Existence, Initiator, Start, Window, ended, enough_hits, 
 use super::live::{LiveTrack, Stored};
 use super::look::Look;
 use super::multi_target::MultiTargetTracker;
+use super::two_point::{Waiting, pair_up};
 use crate::association::associator::Associator;
 use crate::association::npda::{Bookkeeping, Npda};
 use crate::error::Result;
 use crate::event::EventCode;
 use crate::gaussian::Gaussian;
+use crate::linalg::symmetric::symmetrise;
 use crate::model::Motion;
+
+/// Reports that may begin a track, and their rows.
+#[derive(Default)]
+struct Free {
+    rows: Vec<usize>,
+    reports: Vec<Waiting>,
+}
 
 impl MultiTargetTracker {
     /// Feeds the clutter map with what confirmed tracks left over, and tells which of it is a static echo.
@@ -74,50 +83,122 @@ impl MultiTargetTracker {
         }
     }
 
-    /// Starts tracks from reports, each at its own time.
+    /// Starts tracks from what no track took: each report a track, or each pair that one makes with a report of before.
     pub(super) fn initiate(&mut self, look: &Look) -> Result<()> {
+        let Free { rows, reports } = self.free_reports(look)?;
+        let initiator = self.config.initiator;
+        let Some(within) = initiator.pair_within() else {
+            for (&row, report) in rows.iter().zip(&reports) {
+                if self.has_room(look, row)? {
+                    self.begin_track(look.scan.time, report, None)?;
+                }
+            }
+            return Ok(());
+        };
+        let partners = pair_up(&self.waiting, &reports, initiator.max_speed(), within);
+        for (report, partner) in reports.iter().zip(&partners) {
+            if let Some(first) = partner.and_then(|index| self.waiting.get(index).cloned()) {
+                self.begin_track(look.scan.time, report, Some(&first))?;
+            }
+        }
+        let mut index = 0..;
+        self.waiting.retain(|first| {
+            let paired = partners.contains(&index.next());
+            !paired && look.scan.time - first.time <= within
+        });
+        for ((row, report), partner) in rows.into_iter().zip(reports).zip(partners) {
+            if partner.is_none() && self.has_room(look, row)? {
+                self.waiting.push(report);
+            }
+        }
+        Ok(())
+    }
+
+    /// The reports that may begin a track.
+    fn free_reports(&mut self, look: &Look) -> Result<Free> {
+        let mut free = Free::default();
         for (row, (fate, position)) in look.fates.iter().zip(&look.positions).enumerate() {
             let Some(position) = position else {
                 continue;
             };
-            let existence = match self.config.initiator {
-                Initiator::MofN(_) => None,
-                Initiator::Existence(rule) => Some(rule.initial * (1.0 - fate.explained.min(1.0))),
-            };
-            let free = match self.config.initiator {
+            let unexplained = 1.0 - fate.explained.min(1.0);
+            let is_free = match self.config.initiator {
                 Initiator::MofN(_) => fate.is_free(),
                 Initiator::Existence(rule) => {
-                    !fate.echo && existence.is_some_and(|r| r >= rule.drop) && self.is_clear(position, &rule)
+                    !fate.echo && rule.initial * unexplained >= rule.drop && self.is_clear(position, &rule)
                 }
             };
-            if !free {
+            if !is_free {
                 continue;
             }
-            if self.tracks.len() >= self.config.max_tracks {
+            if !position.mean.iter().chain(position.cov.iter()).all(|v| v.is_finite()) {
+                let reason = "the position of a report is not finite: it begins no track";
                 self.intake
-                    .record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
+                    .record(look.scan, EventCode::TrackDiverged, Some(row), reason)?;
                 continue;
             }
-            let mut windows = vec![Window::default(); self.config.sensors.len()];
-            windows[look.sensor_index].push(true);
-            let (motion, born) = (&self.config.motion, look.rows[row].time);
-            let state = start_state(position, motion, self.config.initiator.max_speed());
-            self.tracks.push(LiveTrack {
-                id: None,
-                stored: self.stored(&state, born),
-                state: if born < look.scan.time {
-                    self.config.filter.predict(&state, motion, look.scan.time - born)?
-                } else {
-                    state
-                },
-                start: Start::new(position.mean.as_slice()),
-                born,
-                windows,
-                last_hit: born,
-                hits: 1,
-                existence,
+            // Exactly symmetric, as it is saved.
+            let mut position = position.clone();
+            symmetrise(&mut position.cov);
+            free.rows.push(row);
+            free.reports.push(Waiting {
+                time: look.rows[row].time,
+                position,
+                sensor: look.sensor_index,
+                unexplained,
             });
         }
+        Ok(free)
+    }
+
+    /// Whether one more track, or report that waits for a second one, may be kept.
+    fn has_room(&mut self, look: &Look, row: usize) -> Result<bool> {
+        let room = self.tracks.len() + self.waiting.len() < self.config.max_tracks;
+        if !room {
+            self.intake
+                .record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
+        }
+        Ok(room)
+    }
+
+    /// A tentative track from a report, and perhaps one of before, brought to `now`.
+    fn begin_track(&mut self, now: f64, report: &Waiting, first: Option<&Waiting>) -> Result<()> {
+        let motion = &self.config.motion;
+        let max_speed = self.config.initiator.max_speed();
+        let state = match first {
+            Some(first) => start_state(&report.line_from(first)?, motion, max_speed),
+            None => start_state(&report.position, motion, max_speed),
+        };
+        let reports: Vec<&Waiting> = first.into_iter().chain([report]).collect();
+        let mut windows = vec![Window::default(); self.config.sensors.len()];
+        for report in &reports {
+            windows[report.sensor].push(true);
+        }
+        let earliest = reports[0];
+        let mut start = Start::new(earliest.position.mean.as_slice());
+        if first.is_some() {
+            start.add(report.position.mean.as_slice());
+        }
+        self.tracks.push(LiveTrack {
+            id: None,
+            stored: self.stored(&state, report.time),
+            state: if report.time < now {
+                self.config.filter.predict(&state, motion, now - report.time)?
+            } else {
+                state
+            },
+            start,
+            born: earliest.time,
+            windows,
+            last_hit: report.time,
+            hits: reports.len() as u64,
+            existence: match self.config.initiator {
+                Initiator::MofN(_) => None,
+                Initiator::Existence(rule) => {
+                    Some(reports.iter().fold(rule.initial, |r, report| r * report.unexplained))
+                }
+            },
+        });
         Ok(())
     }
 

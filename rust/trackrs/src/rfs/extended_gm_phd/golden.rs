@@ -8,6 +8,7 @@ use super::super::mixture::Reduction;
 use super::super::prediction::{Birth, Fate};
 use super::super::rate::Rate;
 use super::*;
+use crate::filter::extended::Rule;
 use crate::gaussian::Gaussian;
 use crate::model::motion::ConstantVelocity;
 use crate::model::motion::KinematicNoise;

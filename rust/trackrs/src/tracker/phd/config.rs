@@ -8,7 +8,9 @@ use crate::error::{Error, Result, require_non_negative, require_positive, requir
 use crate::model::{Motion, MotionModel, Sensor, SensorModel, StateSpace};
 use crate::partition::PartitionModel;
 use crate::partition::tree::TreePartition;
+use crate::rfs::cphd::CphdUpdate;
 use crate::rfs::extended_gm_phd::ExtendedUpdate;
+use crate::rfs::gm_phd::PointUpdate;
 use crate::rfs::mixture::Reduction;
 use crate::rfs::prediction::{Birth, Fate, require_rate};
 use crate::rfs::rate::{Rate, RateModel};
@@ -55,6 +57,38 @@ impl Default for Confirmation {
     }
 }
 
+/// What a scan does to a mixture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum IntensityUpdate {
+    /// Targets give many measurements; see [`crate::rfs::extended_gm_phd`].
+    Extended(ExtendedUpdate),
+    /// They give one at most; see [`crate::rfs::gm_phd`].
+    Point(PointUpdate),
+    /// The same, with the distribution of their number; see [`crate::rfs::cphd`].
+    Cardinalised(CphdUpdate),
+}
+
+impl IntensityUpdate {
+    fn check(&self, sensor: &SensorModel) -> Result<()> {
+        match self {
+            Self::Extended(update) => update.check(sensor),
+            Self::Point(_) => Ok(()),
+            Self::Cardinalised(update) if update.max_targets == 0 => {
+                Err(Error::invalid("max_targets", 0, "must be at least 1"))
+            }
+            Self::Cardinalised(_) => Ok(()),
+        }
+    }
+
+    /// How the rates of targets are treated.
+    pub(super) fn rates(&self) -> RateModel {
+        match self {
+            Self::Extended(update) => update.rates,
+            Self::Point(_) | Self::Cardinalised(_) => RateModel::Known,
+        }
+    }
+}
+
 /// Everything about a tracker by intensity.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PhdConfig {
@@ -69,7 +103,7 @@ pub struct PhdConfig {
     /// Births from measurements.
     pub adaptive_birth: Option<AdaptiveBirth>,
     /// What a scan does to the mixture.
-    pub update: ExtendedUpdate,
+    pub update: IntensityUpdate,
     /// What is kept of it.
     pub reduction: Reduction,
     /// When there is a track.
@@ -108,13 +142,13 @@ impl PhdConfig {
                 spawns: Vec::new(),
             },
             adaptive_birth: None,
-            update: ExtendedUpdate {
+            update: IntensityUpdate::Extended(ExtendedUpdate {
                 rates: RateModel::default(),
                 partition: PartitionModel::Tree(TreePartition::default()),
                 clutter_filter: None,
                 superposition: true,
                 prune: reduction.prune,
-            },
+            }),
             reduction,
             confirmation: Confirmation::default(),
             strict: false,
@@ -145,6 +179,10 @@ impl PhdConfig {
             self.update.check(&watch.sensor)?;
         }
         self.fate.check(states)?;
+        if matches!(self.update, IntensityUpdate::Cardinalised(_)) && !self.fate.spawns.is_empty() {
+            let requirement = "must be empty: the distribution of the number of targets knows births alone";
+            return Err(Error::invalid("spawns", "given", requirement));
+        }
         require_rate(self.fate.birth_rate)?;
         if let Some(birth) = &self.adaptive_birth {
             require_non_negative("birth weight", birth.weight)?;

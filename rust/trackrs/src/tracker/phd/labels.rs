@@ -1,6 +1,7 @@
 //! Whose a component is, and from when to when that is a track.
 //!
-//! 1. Targets are extracted from the heaviest component to the lightest; a component of weight w stands for ⌊w + ½⌋.
+//! 1. Targets are extracted from the heaviest component to the lightest; a component of weight w stands for ⌊w + ½⌋, or for its
+//!    part of the likeliest number where that is known (CPHD).
 //! 2. Each gets the component's label; where a heavier one has it already, or for a second copy, another label that was merged
 //!    into the component, and if all of these are taken a new one.
 //! 3. A component with several copies is divided into them, equal weights, so that from now on each has its own label.
@@ -41,15 +42,21 @@ pub(super) struct Extraction {
 }
 
 impl Labels {
-    /// Extracts targets from a reduced mixture.
-    pub(super) fn extract(&mut self, merged: Vec<Merged>, time: f64, rule: Confirmation) -> Extraction {
+    /// Extracts so many targets from every component of a reduced mixture.
+    pub(super) fn extract(
+        &mut self,
+        merged: Vec<Merged>,
+        copies: &[usize],
+        time: f64,
+        rule: Confirmation,
+    ) -> Extraction {
         let mut order: Vec<usize> = (0..merged.len()).collect();
         order.sort_by(|&a, &b| merged[b].component.weight.total_cmp(&merged[a].component.weight));
         let mut names: Vec<Vec<u64>> = vec![Vec::new(); merged.len()];
         let mut taken = HashSet::new();
         for &i in &order {
             let mut free = merged[i].labels.iter().copied();
-            for _ in 0..merged[i].component.copies() {
+            for _ in 0..copies[i] {
                 let label = free
                     .by_ref()
                     .find(|label| !taken.contains(label))

@@ -5,7 +5,7 @@
 //! 1. its rows are checked; what is refused becomes an event, and every row is booked in the ledger. A row with a missing
 //!    component is refused, as is a scan whose reports have times of their own;
 //! 2. if time has passed, targets survive, move, spawn and are born ([`crate::rfs::prediction`]);
-//! 3. the scan updates the mixture ([`crate::rfs::extended_gm_phd`]), which is then reduced ([`crate::rfs::mixture`]);
+//! 3. the scan updates the mixture ([`crate::rfs::extended_gm_phd`], [`crate::rfs::gm_phd`], [`crate::rfs::cphd`]), which is then reduced ([`crate::rfs::mixture`]);
 //! 4. targets are extracted and get their labels (`labels.rs`);
 //! 5. with adaptive birth, measurements that no component of weight gates leave births for the next scan: one in the middle of
 //!    each set of them that hangs together.
@@ -19,20 +19,21 @@ mod labels;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
-use self::config::{AdaptiveBirth, PhdConfig, Watch};
+use self::config::{AdaptiveBirth, IntensityUpdate, PhdConfig, Watch};
 use self::labels::Labels;
 use super::intake::{Intake, Needs};
 use super::lifecycle::start_state;
 use super::look::Row;
-use crate::error::{Error, Result, require_finite, require_size};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
 use crate::filter::kalman::predict_by;
 use crate::model::{Motion, Sensor};
 use crate::partition::distance::{DistancePartition, Thresholds};
 use crate::partition::{Partition, Partitioner, Points};
-use crate::rfs::extended_gm_phd::Sight;
-use crate::rfs::mixture::Component;
-use crate::rfs::prediction::Birth;
+use crate::rfs::Sight;
+use crate::rfs::cphd::{Cardinality, CphdUpdate};
+use crate::rfs::mixture::{Component, Merged};
+use crate::rfs::prediction::{Birth, fresh};
 use crate::scan::Scan;
 use crate::state;
 use crate::stats::chi_square;
@@ -54,6 +55,7 @@ pub struct PhdTracker {
     tracks: Vec<Track>,
     labels: Labels,
     pending: Vec<Birth>,
+    cardinality: Option<Cardinality>,
 }
 
 impl PhdTracker {
@@ -66,8 +68,34 @@ impl PhdTracker {
             tracks: Vec::new(),
             labels: Labels::default(),
             pending: Vec::new(),
+            cardinality: match &config.update {
+                IntensityUpdate::Cardinalised(update) => Some(Cardinality::none(update.max_targets)),
+                IntensityUpdate::Extended(_) | IntensityUpdate::Point(_) => None,
+            },
             config,
         })
+    }
+
+    /// A tracker that knows of targets at a time; each may be there or not, with its weight.
+    pub fn starting(config: PhdConfig, targets: &[Birth], time: f64) -> Result<Self> {
+        let mut tracker = Self::new(config)?;
+        require_finite("initial time", [&time])?;
+        for target in targets {
+            require_non_negative("initial weight", target.weight)?;
+            require_size("initial state", tracker.config.motion.state_dim(), target.state.dim())?;
+            tracker.mixture.push(Component {
+                weight: target.weight,
+                state: target.state.clone(),
+                rate: tracker.config.fate.birth_rate,
+                label: fresh(&mut tracker.labels.next_label),
+            });
+        }
+        if let IntensityUpdate::Cardinalised(update) = &tracker.config.update {
+            let weights: Vec<f64> = targets.iter().map(|target| target.weight).collect();
+            tracker.cardinality = Some(Cardinality::independent(&weights, update.max_targets));
+        }
+        tracker.intake.time = Some(time);
+        Ok(tracker)
     }
 
     /// What defines it.
@@ -93,6 +121,11 @@ impl PhdTracker {
     /// Expected number of targets after the last scan.
     pub fn expected_targets(&self) -> f64 {
         self.mixture.iter().map(|component| component.weight).sum()
+    }
+
+    /// Distribution of the number of targets, where the filter carries it.
+    pub fn cardinality(&self) -> Option<&Cardinality> {
+        self.cardinality.as_ref()
     }
 
     /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
@@ -128,7 +161,17 @@ impl PhdTracker {
             detection_probability: watch.detection_probability,
             clutter_density: watch.clutter_density,
         };
-        let updated = self.config.update.update(&self.mixture, &measurements, &sight)?;
+        let updated = match (&self.config.update, &mut self.cardinality) {
+            (IntensityUpdate::Extended(update), _) => update.update(&self.mixture, &measurements, &sight)?,
+            (IntensityUpdate::Cardinalised(update), Some(cardinality)) => {
+                let found = update.update(&self.mixture, cardinality, &measurements, &sight)?;
+                *cardinality = found.cardinality;
+                found.updated
+            }
+            (IntensityUpdate::Point(point) | IntensityUpdate::Cardinalised(CphdUpdate { point, .. }), _) => {
+                point.update(&self.mixture, &measurements, &sight)?
+            }
+        };
         if updated.skipped > 0 {
             let reason = format!("{} components cannot be compared with the scan", updated.skipped);
             self.intake.record(scan, EventCode::TrackSkipped, None, &reason)?;
@@ -136,7 +179,13 @@ impl PhdTracker {
         self.mixture = updated.components;
         self.drop_diverged(scan)?;
         let merged = self.config.reduction.reduce(std::mem::take(&mut self.mixture))?;
-        let extraction = self.labels.extract(merged, scan.time, self.config.confirmation);
+        let copies = match &self.cardinality {
+            None => merged.iter().map(|m| m.component.copies()).collect(),
+            Some(cardinality) => heaviest(&merged, cardinality.mode()),
+        };
+        let extraction = self
+            .labels
+            .extract(merged, &copies, scan.time, self.config.confirmation);
         self.mixture = extraction.mixture;
         self.tracks = extraction.tracks;
         if let Some(rule) = self.config.adaptive_birth {
@@ -155,21 +204,23 @@ impl PhdTracker {
             return Ok(());
         }
         let next_label = &mut self.labels.next_label;
-        let mut mixture = fate.survive(&self.mixture, motion, rule, self.config.update.rates, dt, next_label)?;
+        let mut mixture = fate.survive(&self.mixture, motion, rule, self.config.update.rates(), dt, next_label)?;
         let mut born = std::mem::take(&mut self.pending);
         for birth in &mut born {
             birth.state = predict_by(rule, &birth.state, motion, dt, None)?;
         }
         fate.bear(&mut mixture, &born, next_label);
+        if let Some(cardinality) = &mut self.cardinality {
+            let births = fate.births.iter().chain(&born).map(|birth| birth.weight).sum();
+            *cardinality = cardinality.predicted(fate.survival_probability, births);
+        }
         self.mixture = mixture;
         self.drop_diverged(scan)
     }
 
     fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
-        let finite = |c: &Component| {
-            let numbers = c.state.mean.iter().chain(c.state.cov.iter());
-            c.weight.is_finite() && numbers.copied().all(f64::is_finite)
-        };
+        // A sum is finite only if all its terms are.
+        let finite = |c: &Component| (c.weight + c.state.mean.sum() + c.state.cov.sum()).is_finite();
         let before = self.mixture.len();
         self.mixture.retain(finite);
         if self.mixture.len() == before {
@@ -262,6 +313,19 @@ impl PhdTracker {
         })?;
         Ok(tracker)
     }
+}
+
+/// How many targets each component stands for, if there are `targets` of them: one after the other goes to the component that
+/// has the most weight per target.
+fn heaviest(merged: &[Merged], targets: usize) -> Vec<usize> {
+    let mut copies = vec![0; merged.len()];
+    for _ in 0..targets {
+        let left = |i: usize| merged[i].component.weight / (copies[i] + 1) as f64;
+        let best = (0..merged.len()).max_by(|&a, &b| left(a).total_cmp(&left(b)).then(b.cmp(&a)));
+        let Some(best) = best else { break };
+        copies[best] += 1;
+    }
+    copies
 }
 
 fn flat(rows: &[Row]) -> Vec<f64> {
