@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import pickle
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -476,3 +477,25 @@ def test_odd_scans_have_a_defined_result(kind, scan):
     without_clutter = phd.replace(clutter_density=0.0, detection_probability=1.0).start()
     without_clutter.step(tr.Scan(0.0, rows, "radar"))
     assert np.isfinite(without_clutter.mixture.weights).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "points"),
+    [("default", 100_000), ("dbscan", 100_000), ("two-level", 30_000), ("printed", 5_000), ("k-means++", 30_000)],
+)
+@pytest.mark.timeout(120)
+def test_a_huge_scan_is_taken_in_bounded_memory(kind, points):
+    phd = make_filter(clutter_density=points / 4e6)
+    tracker = {"default": phd, **rivals(phd)}[kind].start()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    tracks = tracker.step(tr.Scan(0.0, clutter(points), "radar"))
+    # A matrix of all distances would have 7 GB and more.
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000
+    assert np.isfinite(tracks.expected_targets).all()
+    assert tracker.ledger.used == points
+
+
+def test_partitions_that_would_be_gigabytes_are_refused():
+    phd = make_filter(partition=tr.DistancePartition(), clutter_density=0.01)
+    with pytest.raises(tr.ParameterError, match="partitions = "):
+        phd.start().step(tr.Scan(0.0, 3.5 * clutter(30_000), "radar"))
