@@ -175,3 +175,37 @@ def _(d):
         return unpruned.expected_targets[0], None, tracks.expected_targets[0]
 
     return run, answer
+
+
+@peer("W5two", "trackrs", "trackrs", note="outlier factor and partition in two calls")
+def _(d):
+    noise, lof, two_level = d["scene"].sensor.noise(), tr.LocalOutlierFactor(4), tr.TwoLevelPartition()
+
+    def run():
+        inside = lof.fit_predict(d["X"], noise=noise) > 0
+        labels = np.full(len(inside), -1)
+        labels[inside] = two_level.fit_predict(d["X"][inside], noise=noise)
+        return labels
+
+    return run, lambda labels: labels
+
+
+@peer("W5dist", "trackrs", "trackrs")
+def _(d):
+    noise, distance = d["scene"].sensor.noise(), tr.DistancePartition("difference")
+    return lambda: distance.partitions(d["X"], noise=noise), lambda found: list(found.labels)
+
+
+@peer("W7ext", "trackrs", "trackrs", note="a tracker read from bytes takes the scan; reading is timed too")
+def _(d):
+    scene = d["scene"]
+    tracker = tr.ExtendedGMPHD(
+        scene.motion,
+        scene.sensor,
+        birth=tr.Birth(scene.births, scene.birth_weight),
+        detections_per_target=scene.detections_per_target,
+        clutter_density=scene.clutter_density,
+    ).start()
+    tracker.run(d["before"])
+    saved, kind = tracker.to_bytes(), type(tracker)
+    return lambda: kind.from_bytes(saved).step(d["scan"]), lambda tracks: tracks

@@ -23,6 +23,7 @@ FILES = {
     "w05_clustering.py": ["W5lof", "W5dbscan", "W5kmeans", "W5dpeaks"],
     "w06_jpda.py": ["W6"],
     "w07_phd.py": ["W7"],
+    "crossing_scan.py": ["W5two", "W5dist", "W7ext"],
     "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"],
 }
 
@@ -80,6 +81,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "peers"
         shutil.copytree(given, folder)
+        shutil.copy(HERE / "crossing_scan.py", folder)
         subprocess.run(["sh", "build.sh"], cwd=folder / "climit", check=True)
         records = measure(folder)
     head = [

@@ -65,6 +65,20 @@ def test_close_targets(tmp_path):
     assert (tmp_path / "out" / "close_targets.png").stat().st_size > 10_000
 
 
+def test_extended_targets(tmp_path):
+    command = [sys.executable, ROOT / "examples" / "extended_targets.py", "--out", tmp_path / "out", "--runs", "2"]
+    lines = run(command, tmp_path).splitlines()
+    tables = {lines[k].split()[0]: lines[k + 1 : k + 7] for k in (0, 7)}
+    for name, table in tables.items():
+        ospa = {line[:22].strip(): float(line.split()[-3]) for line in table}
+        assert ospa.pop("default") < min(ospa.values())
+        assert max(ospa, key=ospa.__getitem__) == "two-level as printed", name
+        assert {ospa["distance"] < 20.0, ospa["two-level, k = 4"] < 20.0, ospa["k-means++"] > 20.0} == {True}
+    pictures = {f"{name}_{part}.png" for name in tables for part in ("scores", "tracks")} | {"cells.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == pictures
+    assert min(path.stat().st_size for path in (tmp_path / "out").iterdir()) > 10_000
+
+
 @pytest.mark.timeout(300)
 def test_underwater(tmp_path):
     out = run([sys.executable, ROOT / "examples" / "underwater.py", "--out", tmp_path / "out", "--runs", "3"], tmp_path)
@@ -93,13 +107,17 @@ def test_underwater(tmp_path):
 
 
 def test_readme_python():
-    tracks, hydrophones, head = blocks("python")
+    tracks, hydrophones, head, extended = blocks("python")
     shown = run([sys.executable, "-c", tracks], ROOT)
     assert [line.split()[0] for line in shown.splitlines()] == ["1", "2"]
     filtered, smoothed, rejected = run([sys.executable, "-c", hydrophones], ROOT).split()
     assert float(smoothed) < float(filtered) < 1.5
     assert int(rejected) > 10
     assert len(re.findall(r"-?\d\.\d+", run([sys.executable, "-c", head], ROOT))) == 7
+    numbers, score = run([sys.executable, "-c", extended], ROOT).splitlines()
+    before, after = re.findall(r"\[[\d, ]+\]", numbers)
+    assert before == after
+    assert float(re.findall(r"\d+\.\d+", score)[-1]) < 8.0
 
 
 def test_readme_commands(tmp_path):

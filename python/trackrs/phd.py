@@ -62,6 +62,7 @@ class AdaptiveBirth:
 
     Such measurements, linked up to the distance that holds 80 % of the pairs of one target, leave a birth for the next
     scan in the middle of every set of `min_measurements` and more: at rest, with the speed bound as uncertainty.
+    Sensors that do not measure where something is leave none.
 
     Args:
         weight: expected number of new targets at each such place.

@@ -204,6 +204,20 @@ impl IntensityTracker {
                 let value = map.get(name).copied();
                 value.ok_or_else(|| trackrs::Error::invalid(&format!("{what} of \"{name}\""), "None", requirement))
             };
+            for (map, what) in [
+                (&detection_probability, "detection_probability"),
+                (&clutter_density, "clutter_density"),
+            ] {
+                let known = |name: &&String| sensors.iter().any(|(sensor, _)| sensor == *name);
+                if let Some(name) = map.keys().find(|name| !known(name)) {
+                    let what = format!("{what} of \"{name}\"");
+                    return Err(trackrs::Error::invalid(
+                        &what,
+                        map[name],
+                        "must be of a sensor that is there",
+                    ));
+                }
+            }
             let mut watches = BTreeMap::new();
             for (name, sensor) in sensors {
                 let watch = Watch {

@@ -16,6 +16,7 @@ pub mod spanning_tree;
 pub mod tree;
 pub mod two_level;
 pub(crate) mod union;
+pub(crate) mod ward;
 
 use std::fmt::Debug;
 

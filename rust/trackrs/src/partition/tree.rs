@@ -4,24 +4,23 @@
 //! |---------|--------------|----------------------------------------------------------------------------------|
 //! | v       |              | node: points are 0 … n−1, the merges n, n+1, … by ascending height               |
 //! | h(v)    | `heights`    | height of a merge                                                                |
-//! | c, n_A  | `Clusters`   | centre and size of a cluster                                                     |
 //!
 //! In the order of the code:
 //!
 //! 1. Single linkage: the edges of the minimum spanning tree, shortest first; h = length.
-//! 2. Ward: the two clusters with the least h² = 2 n_A n_B / (n_A + n_B) |c_A − c_B|², found by chains of nearest neighbours, which
-//!    need the centres only: O(n²) time, O(n) memory.
+//! 2. Ward: the two clusters with the least growth of the sum of squares (`ward.rs`).
 //! 3. Nodes whose bounding box has a diagonal above `max_extent` are dropped; what is left is a forest.
 //! 4. Partitions: the cuts of the forest at all distinct heights, points alone first. Equal ones are kept once.
 //!
-//! Reference: Gower, Ross 1969 (single linkage from the spanning tree); Ward 1963; Murtagh 1983 (chains); spec 8.2 (forest).
+//! Reference: Gower, Ross 1969 (single linkage from the spanning tree); spec 8.2 (forest).
 
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
-use super::points::{Partition, Points, squared};
+use super::points::{Partition, Points};
 use super::spanning_tree::spanning_tree;
 use super::union::Union;
+use super::ward::ward;
 use super::{Partitioner, require_few};
 use crate::error::{Error, Result, require_positive};
 
@@ -79,15 +78,14 @@ impl TreePartition {
         }
         let default = points.deviation().map(|deviation| EXTENT * deviation);
         let extent = self.max_extent.or(default).unwrap_or(f64::INFINITY);
-        let merges = |linkage: &Linkage| match linkage {
-            Linkage::Single => single(points),
-            Linkage::Ward => ward(points),
+        let tree = |linkage: &Linkage| {
+            let merges = match linkage {
+                Linkage::Single => single(points),
+                Linkage::Ward => ward(points)?,
+            };
+            Ok(forest(points, &merges, extent))
         };
-        Ok(self
-            .linkages
-            .iter()
-            .map(|linkage| forest(points, &merges(linkage), extent))
-            .collect())
+        self.linkages.iter().map(tree).collect()
     }
 }
 
@@ -132,9 +130,9 @@ impl Partitioner for TreePartition {
 }
 
 /// A merge of the clusters that hold two points.
-struct Merge {
-    members: [usize; 2],
-    height: f64,
+pub(super) struct Merge {
+    pub(super) members: [usize; 2],
+    pub(super) height: f64,
 }
 
 fn single(points: &Points) -> Vec<Merge> {
@@ -143,93 +141,6 @@ fn single(points: &Points) -> Vec<Merge> {
         height: libm::sqrt(edge.length_squared),
     };
     spanning_tree(points).into_iter().map(merge).collect()
-}
-
-/// Clusters that are not joined yet: their centres, sizes and first points.
-struct Clusters {
-    centres: Vec<f64>,
-    sizes: Vec<f64>,
-    firsts: Vec<usize>,
-    dims: usize,
-}
-
-impl Clusters {
-    fn centre(&self, a: usize) -> &[f64] {
-        &self.centres[a * self.dims..(a + 1) * self.dims]
-    }
-
-    fn height_squared(&self, a: usize, b: usize) -> f64 {
-        let (m, n) = (self.sizes[a], self.sizes[b]);
-        2.0 * m * n / (m + n) * squared(self.centre(a), self.centre(b))
-    }
-
-    /// The nearest other cluster; `last`, if it is among the nearest, then the first.
-    fn nearest(&self, a: usize, last: Option<usize>) -> (usize, f64) {
-        let mut best = last.map_or((usize::MAX, f64::INFINITY), |b| (b, self.height_squared(a, b)));
-        for b in 0..self.sizes.len() {
-            let h2 = self.height_squared(a, b);
-            if h2 < best.1 && b != a {
-                best = (b, h2);
-            }
-        }
-        best
-    }
-
-    /// Puts the union of two clusters in the place of the lower; the last takes that of the other.
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (a.min(b), a.max(b));
-        let (m, n) = (self.sizes[a], self.sizes[b]);
-        for axis in 0..self.dims {
-            let (x, y) = (self.centres[a * self.dims + axis], self.centres[b * self.dims + axis]);
-            self.centres[a * self.dims + axis] = (m * x + n * y) / (m + n);
-        }
-        self.sizes[a] = m + n;
-        self.firsts[a] = self.firsts[a].min(self.firsts[b]);
-        self.sizes.swap_remove(b);
-        self.firsts.swap_remove(b);
-        let last = self.sizes.len();
-        self.centres.copy_within(last * self.dims.., b * self.dims);
-        self.centres.truncate(last * self.dims);
-    }
-}
-
-fn ward(points: &Points) -> Vec<Merge> {
-    let n = points.len();
-    let mut clusters = Clusters {
-        centres: points.values().to_vec(),
-        sizes: vec![1.0; n],
-        firsts: (0..n).collect(),
-        dims: points.dims(),
-    };
-    let mut merges = Vec::with_capacity(n.saturating_sub(1));
-    let mut chain: Vec<usize> = Vec::new();
-    while clusters.sizes.len() > 1 {
-        let top = chain.last().copied().unwrap_or(0);
-        if chain.is_empty() {
-            chain.push(top);
-        }
-        let before = chain.len().checked_sub(2).map(|at| chain[at]);
-        let (nearest, h2) = clusters.nearest(top, before);
-        if Some(nearest) != before {
-            chain.push(nearest);
-            continue;
-        }
-        chain.truncate(chain.len() - 2);
-        merges.push(Merge {
-            members: [clusters.firsts[top], clusters.firsts[nearest]],
-            height: libm::sqrt(h2),
-        });
-        // The last cluster moves to the place that becomes free.
-        let (free, moved) = (top.max(nearest), clusters.sizes.len() - 1);
-        clusters.join(top, nearest);
-        for link in &mut chain {
-            if *link == moved {
-                *link = free;
-            }
-        }
-    }
-    merges.sort_by(|a, b| a.height.total_cmp(&b.height));
-    merges
 }
 
 /// The nodes of merges by ascending height, those dropped that are too large, and all above them.

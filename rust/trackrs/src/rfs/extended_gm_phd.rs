@@ -75,7 +75,11 @@ impl ExtendedUpdate {
         if sensor.rotation().is_some() {
             return Err(Error::invalid("sensor", "a pose", "cannot give cells of measurements"));
         }
-        self.rates.check()
+        self.rates.check()?;
+        // Partitions check their parameters before they look at points.
+        let none = Points::whitened(&[], sensor.measurement_dim(), &sensor.noise())?;
+        let partitioner = self.partition.as_partitioner();
+        partition::partitions(partitioner, &none, self.clutter_filter.as_ref()).map(|_| ())
     }
 
     /// The mixture after a scan of complete measurements, m numbers each.

@@ -16,7 +16,9 @@ use serde::{Deserialize, Serialize};
 
 use super::mixture::Component;
 use super::rate::{Rate, RateModel};
-use crate::error::{Error, Result, require_finite, require_non_negative, require_probability, require_size};
+use crate::error::{
+    Error, Result, require_finite, require_non_negative, require_positive, require_probability, require_size,
+};
 use crate::filter::extended::Rule;
 use crate::filter::kalman::predict_each;
 use crate::gaussian::Gaussian;
@@ -135,8 +137,9 @@ pub(crate) fn fresh(next_label: &mut u64) -> u64 {
 
 /// That a rate is one.
 pub(crate) fn require_rate(rate: Rate) -> Result<()> {
+    require_positive("shape of detections_per_target", rate.shape)?;
     let mean = rate.mean();
-    if mean.is_finite() && mean > 0.0 && rate.shape.is_finite() {
+    if mean.is_finite() && mean > 0.0 {
         return Ok(());
     }
     Err(Error::invalid(
