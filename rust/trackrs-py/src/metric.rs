@@ -240,6 +240,7 @@ pub(crate) fn evaluate<'py>(
                 last_hit: time,
                 hits: 0,
                 existence: None,
+                extent: None,
             })
             .collect(),
         centre: centres.as_ref().map(|c: &Vec<DVector<f64>>| c[k].clone()),

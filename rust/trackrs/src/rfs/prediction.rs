@@ -90,6 +90,7 @@ impl Fate {
                 weight: component.weight * self.survival_probability,
                 state: predict_by(rule, &component.state, motion, dt, None)?,
                 rate: rates.predicted(component.rate),
+                extent: component.extent.clone(),
                 label: component.label,
             });
         }
@@ -105,6 +106,7 @@ impl Fate {
                         &slope * &state.cov * slope.transpose() + &spawn.cov,
                     )?,
                     rate: rates.predicted(component.rate),
+                    extent: None,
                     label: fresh(next_label),
                 });
             }
@@ -119,6 +121,7 @@ impl Fate {
                 weight: birth.weight,
                 state: birth.state.clone(),
                 rate: self.birth_rate,
+                extent: None,
                 label: fresh(next_label),
             });
         }

@@ -34,6 +34,7 @@ use crate::rfs::Sight;
 use crate::rfs::cphd::{Cardinality, CphdUpdate};
 use crate::rfs::mixture::{Component, Merged};
 use crate::rfs::prediction::Birth;
+use crate::rfs::spread::SpreadSensor;
 use crate::scan::Scan;
 use crate::state;
 use crate::stats::chi_square;
@@ -192,6 +193,9 @@ impl PhdTracker {
             let births = fate.births.iter().chain(&born).map(|birth| birth.weight).sum();
             *cardinality = cardinality.predicted(fate.survival_probability, births);
         }
+        if let Some(extent) = self.config.update.extent() {
+            extent.predict(&mut mixture, dt);
+        }
         self.mixture = mixture;
         self.drop_diverged(scan)
     }
@@ -199,6 +203,11 @@ impl PhdTracker {
     fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
         let finite = |c: &Component| {
             let numbers = c.state.mean.iter().chain(c.state.cov.iter());
+            let extent = c
+                .extent
+                .iter()
+                .flat_map(|extent| extent.cov.iter().chain([&extent.certainty]));
+            let numbers = numbers.chain(extent);
             c.weight.is_finite() && numbers.copied().all(f64::is_finite)
         };
         let before = self.mixture.len();
@@ -222,7 +231,8 @@ impl PhdTracker {
         let gate = chi_square::quantile(GATE, m)?;
         let mut free = vec![true; measurements.len() / m];
         for component in self.mixture.iter().filter(|c| c.weight >= EXPLAINS) {
-            let expected = self.config.filter.expect(&component.state, &watch.sensor, platform);
+            let spread = SpreadSensor::of(&watch.sensor, component.extent.as_ref());
+            let expected = self.config.filter.expect(&component.state, &spread, platform);
             let Ok(expected) = expected else {
                 continue;
             };
@@ -238,8 +248,9 @@ impl PhdTracker {
             .filter(|(_, free)| **free)
             .flat_map(|(z, _)| z.iter().copied())
             .collect();
-        let points = Points::whitened(&left, m, &watch.sensor.noise())?;
-        // Two measurements of one target differ by noise of covariance 2 R.
+        let newborn = self.config.update.extent().map(|extent| &extent.prior);
+        let points = Points::whitened(&left, m, &SpreadSensor::of(&watch.sensor, newborn).noise())?;
+        // Two measurements of one target differ by noise of twice that covariance.
         let link = libm::sqrt(2.0 * chi_square::quantile(LINK, m)?);
         let cells = DistancePartition {
             thresholds: Thresholds::Range {
@@ -283,6 +294,11 @@ impl PhdTracker {
                 .map_or(Ok(()), |time| require_finite("time", [&time]))?;
             let states = tracker.config.motion.state_dim();
             let components = tracker.mixture.iter().map(|c| &c.state);
+            if let Some(model) = tracker.config.update.extent() {
+                for extent in tracker.mixture.iter().filter_map(|c| c.extent.as_ref()) {
+                    extent.check(model.prior.cov.nrows())?;
+                }
+            }
             for state in components.chain(tracker.pending.iter().map(|birth| &birth.state)) {
                 require_size("component", states, state.dim())?;
             }
