@@ -147,3 +147,31 @@ def _(d):
 @peer("W6", "trackrs", "trackrs", note="exact")
 def _(d):
     return lambda: tr.association.marginals(d["L"]), lambda r: r.probabilities
+
+
+@peer("W7", "trackrs", "trackrs", note="one step of a saved tracker; reading it back is timed as well")
+def _(d):
+    order, side = blocks(2, 2), np.ix_(blocks(2, 2), blocks(2, 2))
+    phd = tr.GMPHD(
+        tr.LinearMotion(d["F"][side], d["Q"][side]),
+        tr.LinearSensor(d["H"][:, order], d["R"]),
+        birth=tr.Birth([]),
+        clutter_density=d["kappa"],
+        survival_probability=0.99,
+        detection_probability=0.95,
+        gate=tr.Gate(-np.expm1(-8.0)),
+        max_components=d["cap"],
+    )
+    states = [tr.GaussianState(m[order], P[side], 0.0) for m, P in zip(d["m"], d["P"], strict=True)]
+    saved = phd.start(states, weights=d["w"]).to_bytes()
+    scan = tr.Scan(1.0, d["Z"], sensor="radar")
+
+    def run():
+        return tr.IntensityTracker.from_bytes(saved).step(scan)
+
+    def answer(tracks):
+        # The weight before pruning is that of a step that prunes nothing, because merging keeps it. Not timed.
+        unpruned = phd.replace(prune=0.0, max_components=10_000).start(states, weights=d["w"]).step(scan)
+        return unpruned.expected_targets[0], None, tracks.expected_targets[0]
+
+    return run, answer

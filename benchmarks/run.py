@@ -22,6 +22,7 @@ FILES = {
     "w03_nonlinear.py": ["W3", "W3b"],
     "w05_clustering.py": ["W5lof", "W5dbscan", "W5kmeans", "W5dpeaks"],
     "w06_jpda.py": ["W6"],
+    "w07_phd.py": ["W7"],
     "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"],
 }
 

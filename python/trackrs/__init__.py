@@ -76,7 +76,18 @@ if TYPE_CHECKING:
         TwoLevelPartition,
         TwoLevels,
     )
-    from trackrs.phd import AdaptiveBirth, Birth, DetectionRate, ExtendedGMPHD, IntensityTracker, Mixture, Spawn
+    from trackrs.phd import (
+        CPHD,
+        GMPHD,
+        AdaptiveBirth,
+        Birth,
+        DetectionRate,
+        ExtendedGMPHD,
+        Extent,
+        IntensityTracker,
+        Mixture,
+        Spawn,
+    )
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.timing import RegularTimes, regularise
@@ -98,6 +109,8 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "CPHD",
+    "GMPHD",
     "GOSPA",
     "JIPDA",
     "JPDA",
@@ -130,6 +143,7 @@ __all__ = [
     "Existence",
     "ExtendedGMPHD",
     "ExtendedKalmanFilter",
+    "Extent",
     "FilterRun",
     "Fix",
     "Gate",

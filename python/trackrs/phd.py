@@ -7,12 +7,15 @@ before. That is what targets need which give many reports in a scan, so that a r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+import numpy as np
+
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array
-from trackrs.errors import DimensionError
+from trackrs._arrays import FloatArray, array, frozen
+from trackrs.errors import DimensionError, ParameterError
+from trackrs.gating import Gate
 from trackrs.partition import (
     DbscanPartition,
     DensityPeakPartition,
@@ -111,6 +114,37 @@ class DetectionRate:
     floor: float = 3.0
 
 
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How large targets are: an ellipse for every target, learnt from the scatter of its measurements.
+
+    The ellipse stands for the covariance of the points that give measurements: its whole axes are four standard
+    deviations, which for a uniformly filled ellipse in the plane are its own. It may have any orientation, and keeps
+    its own between scans.
+
+    Args:
+        axes: whole axes expected of a new target along the measured coordinates, metres, two or three.
+        certainty: how sure that is: worth so many measurements without noise. In the literature's terms the inverse
+            Wishart distribution has 2 d + 2 + `certainty` degrees of freedom.
+        time_constant: time in which what was learnt loses all but 1/e of its weight, seconds.
+
+    Reference:
+        Granström, Natale, Braca, Ludeno, Serafino (2015), IEEE TGRS 53(12); Feldmann, Fränken, Koch (2011), IEEE TSP
+        59(4); docs/intensity_filters.md, which says how sensor noise is treated.
+    """
+
+    axes: Sequence[float]
+    certainty: float = 5.0
+    time_constant: float = 30.0
+
+    def _items(self) -> tuple[FloatArray, float, float]:
+        axes = array(self.axes, "extent axes", 1)
+        if not (axes > 0.0).all():
+            msg = f"extent axes: must be positive, found {axes.tolist()}"
+            raise ParameterError(msg)
+        return np.diag((axes / 4.0) ** 2), self.certainty, self.time_constant
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
     """An intensity.
@@ -119,12 +153,14 @@ class Mixture:
         weights: expected number of targets in every component (J,).
         means, covs: (J, n) and (J, n, n).
         detection_rates: mean number of measurements of every component (J,).
+        extents: expected extents (J, d, d), as those of `Tracks`; None where they are not learnt.
     """
 
     weights: FloatArray
     means: FloatArray
     covs: FloatArray
     detection_rates: FloatArray
+    extents: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of components."""
@@ -132,7 +168,86 @@ class Mixture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExtendedGMPHD:
+class _IntensityFilter:
+    """What the filters have in common."""
+
+    motion: Motion
+    sensor: Sensor | Mapping[str, Sensor]
+    birth: Birth | AdaptiveBirth
+    clutter_density: float | Mapping[str, float]
+    survival_probability: float = field(default=0.99, kw_only=True)
+    detection_probability: float | Mapping[str, float] = field(default=0.99, kw_only=True)
+    filter: Literal["extended", "second_order", "unscented"] = field(default="extended", kw_only=True)
+    prune: float = field(default=1e-4, kw_only=True)
+    merge: float = field(default=4.0, kw_only=True)
+    max_components: int = field(default=100, kw_only=True)
+    confirm_after: int = field(default=2, kw_only=True)
+    end_after: int = field(default=3, kw_only=True)
+    strict: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check everything now rather than at the first scan."""
+        self.start()
+
+    def replace(self, **changes: Any) -> Self:  # noqa: ANN401 (whatever the fields are)
+        """Return the same filter with other arguments."""
+        return replace(self, **changes)
+
+    def start(
+        self, initial: Sequence[GaussianState] = (), *, weights: float | Sequence[float] = 1.0
+    ) -> IntensityTracker:
+        """Return a tracker for scans as they come.
+
+        Args:
+            initial: targets that are known to be there, all at one time; none: nothing is known.
+            weights: how many targets to expect in each of these states, one for all or one per state.
+        """
+        return IntensityTracker(self, initial, weights)
+
+    def run(self, scans: Iterable[Scan]) -> Tracks:
+        """Return the confirmed tracks after each of these scans, which are in the order of their times.
+
+        Every run begins anew. A track is reported in the scans in which its target is extracted.
+
+        Raises:
+            TimeError: the times decrease.
+            UnknownSensorError: a scan names a sensor that is not there; a single sensor takes every scan.
+        """
+        return self.start().run(scans)
+
+    def _settings(self) -> dict[str, Any]:
+        """What the core needs beside the models."""
+        sensors = self._sensors()
+        adaptive = self.birth if isinstance(self.birth, AdaptiveBirth) else None
+        given = None if isinstance(self.birth, AdaptiveBirth) else self.birth
+        return {
+            "filter": self.filter,
+            "survival_probability": self.survival_probability,
+            "detection_probability": by_sensor(self.detection_probability, sensors),
+            "clutter_density": by_sensor(self.clutter_density, sensors),
+            "births": [] if given is None else _weighted("birth", given.states, given.weights),
+            "adaptive_birth": None if adaptive is None else asdict(adaptive),
+            "spawns": [],
+            "detections_per_target": 1.0,
+            "rate_shape": 1.0,
+            "prune": self.prune,
+            "merge": self.merge,
+            "max_components": self.max_components,
+            "confirm_after": self.confirm_after,
+            "end_after": self.end_after,
+            "strict": self.strict,
+        }
+
+    def _sensors(self) -> Mapping[str, Sensor]:
+        return self.sensor if isinstance(self.sensor, Mapping) else {"": self.sensor}
+
+    def _update(self) -> _trackrs.IntensityUpdate:
+        """What a scan does to the mixture."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtendedGMPHD(_IntensityFilter):
     """Gaussian-mixture PHD filter for extended targets: such as give many measurements in a scan.
 
     The default sums over all cuts of two trees over the measurements instead of trusting one partition, learns how many
@@ -146,18 +261,21 @@ class ExtendedGMPHD:
 
     Args:
         motion: how targets move; every state must add (no attitudes).
-        sensor: the sensor, or several by name. Its noise is the spread of one measurement about the target's centre:
-            the sensor's own and the target's extent.
+        sensor: the sensor, or several by name, which are taken one after the other as their scans come. Its noise is
+            the spread of one measurement about the target's centre: the sensor's own and the target's extent, unless
+            `extent` is given.
         birth: where targets may appear.
+        clutter_density: false measurements per scan and unit of the measurement space (1/m² for positions, 1/(m rad)
+            for range and bearing), one for all sensors or by sensor.
         detections_per_target: mean number of measurements of a target in a scan in which it is detected, or how it is
             treated. A number is learnt from there with trees and known with other partitions.
-        clutter_density: false measurements per scan and unit of the measurement space (1/m² for positions), one for all
-            sensors or by sensor.
         survival_probability: that a target is still there at the next scan, [0, 1].
         detection_probability: that a target gives measurements at all, (0, 1], one for all sensors or by sensor.
         partition: how measurements are divided into cells.
         clutter_filter: what is taken out before they are divided; each becomes a cell of its own.
         superposition: whether targets with common measurements may share them; None: with trees.
+        extent: how large targets are, learnt for each; the sensor's noise is then its own alone. The sensors measure
+            positions. None: not learnt.
         spawns: what targets give off.
         filter: how nonlinear models are treated, as in `MultiTargetTracker`.
         prune: components of this weight and below go.
@@ -193,47 +311,130 @@ class ExtendedGMPHD:
         ([1], [1, 1, 1])
     """
 
-    motion: Motion
-    sensor: Sensor | Mapping[str, Sensor]
-    birth: Birth | AdaptiveBirth
     detections_per_target: float | DetectionRate
-    clutter_density: float | Mapping[str, float]
-    survival_probability: float = 0.99
-    detection_probability: float | Mapping[str, float] = 0.99
-    partition: Partition = TreePartition()  # noqa: RUF009 (frozen)
-    clutter_filter: LocalOutlierFactor | None = None
-    superposition: bool | None = None
-    spawns: Sequence[Spawn] = ()
-    filter: Literal["extended", "second_order", "unscented"] = "extended"
-    prune: float = 1e-4
-    merge: float = 4.0
-    max_components: int = 100
-    confirm_after: int = 2
-    end_after: int = 3
-    strict: bool = False
+    partition: Partition = field(default=TreePartition(), kw_only=True)
+    clutter_filter: LocalOutlierFactor | None = field(default=None, kw_only=True)
+    superposition: bool | None = field(default=None, kw_only=True)
+    extent: Extent | None = field(default=None, kw_only=True)
+    spawns: Sequence[Spawn] = field(default=(), kw_only=True)
 
-    def __post_init__(self) -> None:
-        """Check everything now rather than at the first scan."""
-        self.start()
+    def _settings(self) -> dict[str, Any]:
+        # Without arguments super() does not know the class that slots make anew.
+        return _IntensityFilter._settings(self) | {
+            "spawns": _spawned(self.spawns),
+            "detections_per_target": self._rate().mean,
+            "rate_shape": self._rate().shape,
+        }
 
-    def replace(self, **changes: Any) -> Self:  # noqa: ANN401 (whatever the fields are)
-        """Return the same filter with other arguments."""
-        return replace(self, **changes)
+    def _rate(self) -> DetectionRate:
+        rate = self.detections_per_target
+        if isinstance(rate, DetectionRate):
+            return rate
+        return DetectionRate(rate, learnt=isinstance(self.partition, TreePartition))
 
-    def start(self) -> IntensityTracker:
-        """Return a tracker that has seen nothing yet, for scans as they come."""
-        return IntensityTracker(self)
+    def _update(self) -> _trackrs.IntensityUpdate:
+        rate, trees = self._rate(), isinstance(self.partition, TreePartition)
+        return _trackrs.IntensityUpdate.extended(
+            self.partition._core,
+            None if self.clutter_filter is None else self.clutter_filter._core,
+            trees if self.superposition is None else self.superposition,
+            (rate.forgetting, rate.floor) if rate.learnt else None,
+            self.prune,
+            None if self.extent is None else self.extent._items(),
+        )
 
-    def run(self, scans: Iterable[Scan]) -> Tracks:
-        """Return the confirmed tracks after each of these scans, which are in the order of their times.
 
-        Every run begins anew. A track is reported in the scans in which its target is extracted.
+@dataclass(frozen=True, slots=True, eq=False)
+class GMPHD(_IntensityFilter):
+    """Gaussian-mixture PHD filter for point targets: such as give at most one measurement in a scan.
 
-        Raises:
-            TimeError: the times decrease.
-            UnknownSensorError: a scan names a sensor that is not there; a single sensor takes every scan.
-        """
-        return self.start().run(scans)
+    Args:
+        motion: how targets move; every state must add (no attitudes).
+        sensor: the sensor, or several by name, which are taken one after the other as their scans come.
+        birth: where targets may appear.
+        clutter_density: false measurements per scan and unit of the measurement space (1/m² for positions, 1/(m rad)
+            for range and bearing), one for all sensors or by sensor.
+        survival_probability: that a target is still there at the next scan, [0, 1].
+        detection_probability: that a target is reported, (0, 1], one for all sensors or by sensor.
+        gate: measurements outside a component's gate count as impossible; what it loses is not put back.
+        spawns: what targets give off.
+        filter: how nonlinear models are treated, as in `MultiTargetTracker`.
+        prune: components of this weight and below go.
+        merge: squared Mahalanobis distance up to which components become one.
+        max_components: so many are kept.
+        confirm_after: extractions that confirm a track. 1 reports every target at once.
+        end_after: scans in a row without extraction that end a track.
+        strict: the first event (a refused or late report) raises `StrictError`.
+
+    Raises:
+        ParameterError: a parameter is outside its domain, or missing for a sensor.
+        DimensionError: a sensor, a birth or a spawn does not fit the motion.
+
+    Reference:
+        Vo, Ma (2006), The Gaussian mixture probability hypothesis density filter, IEEE TSP 54(11).
+
+    Example:
+        >>> import numpy as np, trackrs as tr
+        >>> start = tr.GaussianState([0, 0, 0, 0], np.diag([50.0, 50.0, 10.0, 10.0]) ** 2, time=0.0)
+        >>> phd = tr.GMPHD(
+        ...     tr.ConstantVelocity(dims=2, accel_psd=0.1),
+        ...     tr.PositionSensor(dims=2, std=5.0),
+        ...     birth=tr.Birth([start], weights=0.1),
+        ...     clutter_density=1e-6,
+        ... )
+        >>> tracks = phd.run(tr.Scan(t, [[8.0 * t, -3.0 * t]], sensor="radar") for t in range(9))
+        >>> [track.id for track in tracks.at(8.0)]
+        [1]
+    """
+
+    gate: Gate = field(default=Gate(0.999), kw_only=True)
+    spawns: Sequence[Spawn] = field(default=(), kw_only=True)
+
+    def _settings(self) -> dict[str, Any]:
+        return _IntensityFilter._settings(self) | {"spawns": _spawned(self.spawns)}
+
+    def _update(self) -> _trackrs.IntensityUpdate:
+        return _trackrs.IntensityUpdate.point(self.gate.probability, self.prune)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CPHD(_IntensityFilter):
+    """Cardinalised PHD filter: beside the intensity it carries the distribution of the number of targets.
+
+    So the number varies less from scan to scan than that of `GMPHD`. The likeliest number of targets is extracted.
+
+    Args:
+        motion: how targets move; every state must add (no attitudes).
+        sensor: the sensor, or several by name, which are taken one after the other as their scans come.
+        birth: where targets may appear.
+        clutter_density: false measurements per scan and unit of the measurement space (1/m² for positions, 1/(m rad)
+            for range and bearing), one for all sensors or by sensor.
+        survival_probability: that a target is still there at the next scan, [0, 1].
+        detection_probability: that a target is reported, (0, 1], one for all sensors or by sensor.
+        gate: measurements outside a component's gate count as impossible; what it loses is not put back.
+        max_targets: more targets than that there never are.
+        filter: how nonlinear models are treated, as in `MultiTargetTracker`.
+        prune: components of this weight and below go.
+        merge: squared Mahalanobis distance up to which components become one.
+        max_components: so many are kept.
+        confirm_after: extractions that confirm a track. 1 reports every target at once.
+        end_after: scans in a row without extraction that end a track.
+        strict: the first event (a refused or late report) raises `StrictError`.
+
+    Raises:
+        ParameterError: a parameter is outside its domain, or missing for a sensor.
+        DimensionError: a sensor, a birth or a spawn does not fit the motion.
+
+    Reference:
+        Vo, Vo, Cantoni (2007), Analytic implementations of the cardinalized probability hypothesis density filter,
+        IEEE TSP 55(7).
+    """
+
+    gate: Gate = field(default=Gate(0.999), kw_only=True)
+    max_targets: int = field(default=100, kw_only=True)
+
+    def _update(self) -> _trackrs.IntensityUpdate:
+        return _trackrs.IntensityUpdate.cardinalised(self.gate.probability, self.prune, self.max_targets)
 
 
 class IntensityTracker(Recorder):
@@ -241,42 +442,28 @@ class IntensityTracker(Recorder):
 
     Args:
         phd: what defines it.
+        initial: targets that are known to be there, all at one time.
+        weights: how many targets to expect in each of these states.
+
+    Raises:
+        ParameterError: the initial states have different times, or a weight is negative.
     """
 
     __slots__ = ()
     _kind = _trackrs.IntensityTracker
 
-    def __init__(self, phd: ExtendedGMPHD) -> None:
+    def __init__(
+        self, phd: _IntensityFilter, initial: Sequence[GaussianState] = (), weights: float | Sequence[float] = 1.0
+    ) -> None:
         """Build the tracker."""
-        sensors = phd.sensor if isinstance(phd.sensor, Mapping) else {"": phd.sensor}
-        trees = isinstance(phd.partition, TreePartition)
-        rate = phd.detections_per_target
-        if not isinstance(rate, DetectionRate):
-            rate = DetectionRate(rate, learnt=trees)
-        adaptive = phd.birth if isinstance(phd.birth, AdaptiveBirth) else None
-        settings = {
-            "filter": phd.filter,
-            "survival_probability": phd.survival_probability,
-            "detection_probability": by_sensor(phd.detection_probability, sensors),
-            "clutter_density": by_sensor(phd.clutter_density, sensors),
-            "births": [] if isinstance(phd.birth, AdaptiveBirth) else _births(phd.birth),
-            "adaptive_birth": None if adaptive is None else _items(adaptive),
-            "spawns": [
-                {"weight": spawn.weight, "mean": array(spawn.offset, "offset", 1), "cov": array(spawn.cov, "cov", 2)}
-                for spawn in phd.spawns
-            ],
-            "rate": _items(rate),
-            "superposition": trees if phd.superposition is None else phd.superposition,
-            "prune": phd.prune,
-            "merge": phd.merge,
-            "max_components": phd.max_components,
-            "confirm_after": phd.confirm_after,
-            "end_after": phd.end_after,
-            "strict": phd.strict,
-        }
-        cores = {name: sensor._core for name, sensor in sensors.items()}
-        clutter = None if phd.clutter_filter is None else phd.clutter_filter._core
-        self._core = _trackrs.IntensityTracker(phd.motion._core, cores, phd.partition._core, clutter, settings)
+        times = {state.time for state in initial}
+        if len(times) > 1:
+            msg = f"initial: the states are of {len(times)} different times; bring them to one"
+            raise ParameterError(msg)
+        cores = {name: sensor._core for name, sensor in phd._sensors().items()}
+        known = _weighted("initial", initial, weights)
+        models = (phd.motion._core, cores, phd._update())
+        self._core = _trackrs.IntensityTracker(*models, phd._settings(), known, *times)
         self._labels = tuple(self._core.labels())
 
     def step(self, scan: Scan) -> Tracks:
@@ -304,18 +491,26 @@ class IntensityTracker(Recorder):
         """The intensity after the last scan."""
         return Mixture(**freeze_columns(self._core.mixture()))
 
+    @property
+    def cardinality(self) -> FloatArray | None:
+        """Probability of 0, 1, ... targets after the last scan, where the filter carries it (`CPHD`), else None."""
+        found = self._core.cardinality()
+        return None if found is None else frozen(found)
 
-def _items(record: AdaptiveBirth | DetectionRate) -> dict[str, Any]:
-    return {name: getattr(record, name) for name in record.__dataclass_fields__}
+
+def _spawned(spawns: Sequence[Spawn]) -> list[dict[str, Any]]:
+    return [
+        {"weight": spawn.weight, "mean": array(spawn.offset, "offset", 1), "cov": array(spawn.cov, "cov", 2)}
+        for spawn in spawns
+    ]
 
 
-def _births(birth: Birth) -> list[dict[str, Any]]:
-    count = len(birth.states)
-    weights = list(birth.weights) if isinstance(birth.weights, Sequence) else [birth.weights] * count
+def _weighted(what: str, states: Sequence[GaussianState], weights: float | Sequence[float]) -> list[dict[str, Any]]:
+    count = len(states)
+    weights = list(weights) if isinstance(weights, Sequence | np.ndarray) else [weights] * count
     if len(weights) != count:
-        msg = f"birth weights: expected {count}, one per state, found {len(weights)}"
+        msg = f"{what} weights: expected {count}, one per state, found {len(weights)}"
         raise DimensionError(msg)
     return [
-        {"weight": weight, "mean": state.mean, "cov": state.cov}
-        for weight, state in zip(weights, birth.states, strict=True)
+        {"weight": weight, "mean": state.mean, "cov": state.cov} for weight, state in zip(weights, states, strict=True)
     ]

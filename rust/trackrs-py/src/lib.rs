@@ -44,7 +44,7 @@ mod _trackrs {
     #[pymodule_export]
     use crate::partition::{OutlierFilter, Partitioner};
     #[pymodule_export]
-    use crate::phd::IntensityTracker;
+    use crate::phd::{IntensityTracker, IntensityUpdate};
     #[pymodule_export]
     use crate::rotation::{
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_turned,

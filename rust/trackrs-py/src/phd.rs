@@ -6,19 +6,25 @@ use std::sync::Mutex;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
+use trackrs::rfs::cphd::CphdUpdate;
 use trackrs::rfs::extended_gm_phd::ExtendedUpdate;
+use trackrs::rfs::extent::ExtentModel;
+use trackrs::rfs::gm_phd::PointUpdate;
 use trackrs::rfs::mixture::Reduction;
 use trackrs::rfs::prediction::{Birth, Fate, Spawn};
 use trackrs::rfs::rate::{Rate, RateModel};
 use trackrs::tracker::phd::PhdTracker;
-use trackrs::tracker::phd::config::{AdaptiveBirth, Confirmation, IntensityUpdate, PhdConfig, Watch};
+use trackrs::tracker::phd::config::{self, AdaptiveBirth, Confirmation, PhdConfig, Watch};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
 use crate::partition::{OutlierFilter, Partitioner};
-use crate::scans::{Columns, EventRecord, LedgerRecord, ScanArrays, counts, each, lock, recent, to_columns, to_scan};
+use crate::scans::{
+    Columns, EventRecord, LedgerRecord, ScanArrays, counts, each, extents, lock, recent, to_columns, to_scan,
+};
 use crate::tracker::{filter, small};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
@@ -40,17 +46,7 @@ pub(crate) struct MixtureColumns<'py> {
     means: Bound<'py, PyArray2<f64>>,
     covs: Bound<'py, PyArray3<f64>>,
     detection_rates: Bound<'py, PyArray1<f64>>,
-}
-
-/// Mean, shape, forgetting, floor; shape and what follows only where it is learnt.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub(crate) struct RateItems {
-    mean: f64,
-    learnt: bool,
-    shape: f64,
-    forgetting: f64,
-    floor: f64,
+    extents: Option<Bound<'py, PyArray3<f64>>>,
 }
 
 #[derive(FromPyObject)]
@@ -59,6 +55,16 @@ pub(crate) struct WeightedState<'py> {
     weight: f64,
     mean: PyReadonlyArray1<'py, f64>,
     cov: PyReadonlyArray2<'py, f64>,
+}
+
+fn weighted(items: &[WeightedState<'_>]) -> PyResult<Vec<Birth>> {
+    let one = |item: &WeightedState<'_>| {
+        Ok(Birth {
+            weight: item.weight,
+            state: array::gaussian(&item.mean, &item.cov)?,
+        })
+    };
+    items.iter().map(one).collect()
 }
 
 #[derive(FromPyObject)]
@@ -82,8 +88,9 @@ pub(crate) struct PhdSettings<'py> {
     births: Vec<WeightedState<'py>>,
     adaptive_birth: Option<AdaptiveItems>,
     spawns: Vec<WeightedState<'py>>,
-    rate: RateItems,
-    superposition: bool,
+    /// Of a newborn; for point targets without meaning.
+    detections_per_target: f64,
+    rate_shape: f64,
     prune: f64,
     merge: f64,
     max_components: i64,
@@ -92,24 +99,90 @@ pub(crate) struct PhdSettings<'py> {
     strict: bool,
 }
 
+type ExtentItems<'py> = (PyReadonlyArray2<'py, f64>, f64, f64);
+
+/// What a scan does to a mixture.
+#[pyclass(frozen)]
+pub(crate) struct IntensityUpdate {
+    core: config::IntensityUpdate,
+}
+
+fn point_update(gate: f64, prune: f64) -> trackrs::Result<PointUpdate> {
+    Ok(PointUpdate {
+        gate: Gate::new(gate)?,
+        prune,
+    })
+}
+
+#[pymethods]
+impl IntensityUpdate {
+    /// `learnt`: forgetting and floor of rates. `extent`: prior covariance, its certainty and time constant.
+    #[staticmethod]
+    fn extended(
+        partition: &Partitioner,
+        clutter_filter: Option<PyRef<'_, OutlierFilter>>,
+        superposition: bool,
+        learnt: Option<(f64, f64)>,
+        prune: f64,
+        extent: Option<ExtentItems<'_>>,
+    ) -> PyResult<Self> {
+        let model = |(cov, certainty, time_constant): ExtentItems<'_>| {
+            let cov = array::matrix(&cov, "extent")?;
+            let prior = trackrs::Extent { cov, certainty };
+            Ok::<_, PyErr>(ExtentModel { prior, time_constant })
+        };
+        Ok(Self {
+            core: config::IntensityUpdate::Extended(ExtendedUpdate {
+                rates: learnt.map_or(RateModel::Known, |(forgetting, floor)| RateModel::Learnt {
+                    forgetting,
+                    floor,
+                }),
+                partition: partition.core.clone(),
+                clutter_filter: clutter_filter.map(|filter| filter.core.clone()),
+                superposition,
+                prune,
+                extent: extent.map(model).transpose()?,
+            }),
+        })
+    }
+
+    #[staticmethod]
+    fn point(py: Python<'_>, gate: f64, prune: f64) -> PyResult<Self> {
+        let point = compute(py, || point_update(gate, prune))?;
+        Ok(Self {
+            core: config::IntensityUpdate::Point(point),
+        })
+    }
+
+    #[staticmethod]
+    fn cardinalised(py: Python<'_>, gate: f64, prune: f64, max_targets: i64) -> PyResult<Self> {
+        let update = compute(py, || {
+            Ok(CphdUpdate {
+                point: point_update(gate, prune)?,
+                max_targets: count("max_targets", max_targets)?,
+            })
+        })?;
+        Ok(Self {
+            core: config::IntensityUpdate::Cardinalised(update),
+        })
+    }
+}
+
 #[pymethods]
 impl IntensityTracker {
     #[new]
+    #[pyo3(signature = (motion, sensors, update, settings, initial, time = None))]
     fn new(
         py: Python<'_>,
         motion: &Motion,
         sensors: BTreeMap<String, PyRef<'_, Sensor>>,
-        partition: &Partitioner,
-        clutter_filter: Option<PyRef<'_, OutlierFilter>>,
+        update: &IntensityUpdate,
         settings: PhdSettings<'_>,
+        initial: Vec<WeightedState<'_>>,
+        time: Option<f64>,
     ) -> PyResult<Self> {
-        let births = settings.births.iter().map(|item| {
-            Ok(Birth {
-                weight: item.weight,
-                state: array::gaussian(&item.mean, &item.cov)?,
-            })
-        });
-        let births = births.collect::<PyResult<Vec<Birth>>>()?;
+        let births = weighted(&settings.births)?;
+        let initial = weighted(&initial)?;
         let spawns = settings.spawns.iter().map(|item| {
             Ok(Spawn {
                 weight: item.weight,
@@ -122,23 +195,14 @@ impl IntensityTracker {
             .into_iter()
             .map(|(name, sensor)| (name, sensor.model.clone()))
             .collect();
-        let (motion, partition) = (motion.model.clone(), partition.core.clone());
-        let clutter_filter = clutter_filter.map(|filter| filter.core.clone());
-        let rate = &settings.rate;
-        let (rates, shape) = if rate.learnt {
-            let (forgetting, floor) = (rate.forgetting, rate.floor);
-            (RateModel::Learnt { forgetting, floor }, rate.shape)
-        } else {
-            (RateModel::Known, 1.0)
-        };
-        let rate = Rate::with_mean(rate.mean, shape);
+        let (motion, update) = (motion.model.clone(), update.core.clone());
+        let rate = Rate::with_mean(settings.detections_per_target, settings.rate_shape);
         let PhdSettings {
             filter: rule,
             survival_probability,
             detection_probability,
             clutter_density,
             adaptive_birth,
-            superposition,
             prune,
             merge,
             max_components,
@@ -170,7 +234,7 @@ impl IntensityTracker {
                     min_measurements: count("min_measurements", items.min_measurements)?,
                 }),
             };
-            PhdTracker::new(PhdConfig {
+            let config = PhdConfig {
                 motion,
                 watches,
                 filter: filter(&rule)?,
@@ -181,13 +245,7 @@ impl IntensityTracker {
                     spawns,
                 },
                 adaptive_birth,
-                update: IntensityUpdate::Extended(ExtendedUpdate {
-                    rates,
-                    partition,
-                    clutter_filter,
-                    superposition,
-                    prune,
-                }),
+                update,
                 reduction: Reduction {
                     prune,
                     merge,
@@ -198,7 +256,11 @@ impl IntensityTracker {
                     end_after: small("end_after", end_after)?,
                 },
                 strict,
-            })
+            };
+            match time {
+                None => PhdTracker::new(config),
+                Some(time) => PhdTracker::starting(config, &initial, time),
+            }
         })?;
         Ok(Self {
             inner: Mutex::new(tracker),
@@ -251,7 +313,14 @@ impl IntensityTracker {
             means: array::from_rows(py, mixture.iter().map(|c| &c.state.mean), n)?,
             covs: array::from_symmetric(py, mixture.iter().map(|c| &c.state.cov), n)?,
             detection_rates: PyArray1::from_iter(py, mixture.iter().map(|c| c.rate.mean())),
+            extents: extents(py, tracker.extent_dims(), mixture.iter().map(|c| c.extent.as_ref()))?,
         })
+    }
+
+    fn cardinality<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        let tracker = lock(py, &self.inner)?;
+        let found = tracker.cardinality();
+        Ok(found.map(|cardinality| PyArray1::from_vec(py, cardinality.probabilities())))
     }
 
     fn labels(&self, py: Python<'_>) -> PyResult<Vec<String>> {
@@ -278,7 +347,13 @@ fn columns<'py>(
     expected: &[f64],
 ) -> PyResult<IntensityColumns<'py>> {
     Ok(IntensityColumns {
-        tracks: to_columns(py, tracker.config().motion.state_dim(), true, tracks)?,
+        tracks: to_columns(
+            py,
+            tracker.config().motion.state_dim(),
+            true,
+            tracker.extent_dims(),
+            tracks,
+        )?,
         expected_targets: PyArray1::from_slice(py, expected),
     })
 }

@@ -46,6 +46,17 @@ impl Cardinality {
         Self { log_probabilities }
     }
 
+    /// Targets that are there with these probabilities, independent of one another; weights above 1 count as 1.
+    pub fn independent(weights: &[f64], max_targets: usize) -> Self {
+        let factors: Vec<[f64; 2]> = weights
+            .iter()
+            .map(|w| [libm::log1p(-w.clamp(0.0, 1.0)), libm::log(w.clamp(0.0, 1.0))])
+            .collect();
+        let mut found = polynomial(&factors, max_targets + 1);
+        found.resize(max_targets + 1, f64::NEG_INFINITY);
+        Self::normalised(found)
+    }
+
     /// ρ(n) for n = 0 … N.
     pub fn probabilities(&self) -> Vec<f64> {
         self.log_probabilities.iter().map(|&p| libm::exp(p)).collect()

@@ -370,7 +370,9 @@ fn blocks_and_the_mean_field() {
                 "{} {expected}",
                 found[j].count
             );
-            let state = scene.seen[j].view.posterior(&predicted[j].state, &found[j].mean, found[j].count);
+            let state = scene.seen[j]
+                .view
+                .posterior(&predicted[j].state, &found[j].mean, found[j].count);
             let expected = gaussian(&field["m"][j], &field["P"][j]);
             assert!((&state.mean - &expected.mean).amax() < 1e-9 * expected.mean.amax());
             assert!((&state.cov - &expected.cov).amax() < 1e-9 * expected.cov.amax());

@@ -24,7 +24,7 @@ use self::labels::Labels;
 use super::intake::{Intake, Needs};
 use super::lifecycle::start_state;
 use super::look::Row;
-use crate::error::{Error, Result, require_finite, require_size};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
 use crate::filter::kalman::predict_by;
 use crate::model::{Motion, Sensor};
@@ -33,7 +33,7 @@ use crate::partition::{Partition, Partitioner, Points};
 use crate::rfs::Sight;
 use crate::rfs::cphd::{Cardinality, CphdUpdate};
 use crate::rfs::mixture::{Component, Merged};
-use crate::rfs::prediction::Birth;
+use crate::rfs::prediction::{Birth, fresh};
 use crate::rfs::spread::SpreadSensor;
 use crate::scan::Scan;
 use crate::state;
@@ -77,6 +77,29 @@ impl PhdTracker {
         })
     }
 
+    /// A tracker that knows of targets at a time; each may be there or not, with its weight.
+    pub fn starting(config: PhdConfig, targets: &[Birth], time: f64) -> Result<Self> {
+        let mut tracker = Self::new(config)?;
+        require_finite("initial time", [&time])?;
+        for target in targets {
+            require_non_negative("initial weight", target.weight)?;
+            require_size("initial state", tracker.config.motion.state_dim(), target.state.dim())?;
+            tracker.mixture.push(Component {
+                weight: target.weight,
+                state: target.state.clone(),
+                rate: tracker.config.fate.birth_rate,
+                extent: tracker.config.update.extent().map(|model| model.prior.clone()),
+                label: fresh(&mut tracker.labels.next_label),
+            });
+        }
+        if let IntensityUpdate::Cardinalised(update) = &tracker.config.update {
+            let weights: Vec<f64> = targets.iter().map(|target| target.weight).collect();
+            tracker.cardinality = Some(Cardinality::independent(&weights, update.max_targets));
+        }
+        tracker.intake.time = Some(time);
+        Ok(tracker)
+    }
+
     /// What defines it.
     pub fn config(&self) -> &PhdConfig {
         &self.config
@@ -100,6 +123,11 @@ impl PhdTracker {
     /// Expected number of targets after the last scan.
     pub fn expected_targets(&self) -> f64 {
         self.mixture.iter().map(|component| component.weight).sum()
+    }
+
+    /// Length of the measured position, where extents are learnt.
+    pub fn extent_dims(&self) -> Option<usize> {
+        self.config.update.extent().map(|model| model.prior.cov.nrows())
     }
 
     /// Distribution of the number of targets, where the filter carries it.
