@@ -123,7 +123,8 @@ class Extent:
     its own between scans.
 
     Args:
-        axes: whole axes expected of a new target along the measured coordinates, metres, two or three.
+        axes: whole axes expected of a new target along the measured coordinates, metres, two or three. Rather too large
+            than too small: small and certain, one large target is taken for several.
         certainty: how sure that is: worth so many measurements without noise. In the literature's terms the inverse
             Wishart distribution has 2 d + 2 + `certainty` degrees of freedom.
         time_constant: time in which what was learnt loses all but 1/e of its weight, seconds.
@@ -135,7 +136,7 @@ class Extent:
 
     axes: Sequence[float]
     certainty: float = 5.0
-    time_constant: float = 30.0
+    time_constant: float = 60.0
 
     def _items(self) -> tuple[FloatArray, float, float]:
         axes = array(self.axes, "extent axes", 1)

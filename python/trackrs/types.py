@@ -491,7 +491,7 @@ class Tracks:
         labels: names of the state's components.
         existences: (N,) probability that there is a target, where the tracker keeps it, else None.
         extents: (N, d, d) covariance of the target's points about its centre in the measured coordinates, where the
-            tracker learns it, else None. The whole axes of a filled ellipse are four times the roots of its eigenvalues.
+            tracker learns it, else None. A filled ellipse has whole axes of four times the roots of its eigenvalues.
         expected_targets: (S,) expected number of targets after every scan, where the tracker keeps it, else None: the
             sum of the weights of an intensity, confirmed or not.
     """
@@ -544,9 +544,8 @@ class Tracks:
         """Return a tidy table as a dictionary of columns, one row per track and scan.
 
         Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, `existence` where it is kept,
-        one `cov_a_b` per element of the covariance's lower triangle, and one `extent_1_1`, `extent_2_1`, ... per element
-        of the extent's where it is kept. `pandas.DataFrame(table)`,
-        `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
+        one `cov_a_b` per element of the covariance's lower triangle, and `extent_1_1`, `extent_2_1`, ... likewise where
+        extents are kept. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
         """
         rows_per_scan = np.diff(self.offsets)
         table: dict[str, NDArray[Any]] = {

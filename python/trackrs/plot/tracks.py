@@ -132,9 +132,7 @@ def plot_tracks(
     return figure  # type: ignore[no-any-return]
 
 
-def _draw_track(
-    ax: Axes, tracks: Tracks, shapes: FloatArray, rows: IntArray, colour: str, right: int, up: int
-) -> None:
+def _draw_track(ax: Axes, tracks: Tracks, shapes: FloatArray, rows: IntArray, colour: str, right: int, up: int) -> None:
     """Line, ellipses that do not overlap, and the id where the track ends."""
     from matplotlib.patheffects import withStroke  # noqa: PLC0415
 

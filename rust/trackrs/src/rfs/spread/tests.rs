@@ -196,3 +196,128 @@ fn extents_at_the_limits_stay_extents() {
         assert!(after.check(2).is_ok() && spread.log_density(12.0, &[4400.0, 0.0, 0.0, 4400.0]).is_finite());
     }
 }
+
+/// The whole update on four measurements on a line, with next to no noise: all partitions one by one, the density of a cell's
+/// mean by its formula, that of its scatter by the integral over all extents.
+#[test]
+fn four_measurements_are_weighed_as_by_hand() {
+    use crate::filter::extended::Rule;
+    use crate::model::sensor::LinearSensor;
+    use crate::partition::distance::{DistancePartition, Thresholds};
+    use crate::partition::{self, PartitionModel, Points};
+    use crate::rfs::extended_gm_phd::ExtendedUpdate;
+    use crate::rfs::extent::ExtentModel;
+    use crate::rfs::rate::{Rate, RateModel};
+
+    let z = [0.0, 1.5, 6.0, 7.0];
+    let (noise, p_d, clutter) = (1e-10, 0.9, 0.02);
+    let sensor = LinearSensor::new(
+        DMatrix::from_row_slice(1, 2, &[1.0, 0.0]),
+        line(noise),
+        DVector::zeros(1),
+    )
+    .unwrap();
+    let component = |weight: f64, place: f64, x: f64, certainty: f64, label: u64| Component {
+        weight,
+        state: Gaussian::new(DVector::from_vec(vec![place, 0.0]), DMatrix::identity(2, 2) * 2.0).unwrap(),
+        rate: Rate::with_mean(2.0, 8.0),
+        extent: Some(extent(line(x), certainty)),
+        label,
+    };
+    let mixture = [component(0.8, 1.0, 1.0, 6.0, 1), component(0.4, 5.0, 3.0, 4.0, 2)];
+    let prior = extent(line(1.0), 5.0);
+    let rule = DistancePartition {
+        thresholds: Thresholds::Range {
+            lower: 0.1,
+            upper: 100.0,
+        },
+        ..DistancePartition::default()
+    };
+    let points = Points::whitened(&z, 1, &line(1.0 + noise)).unwrap();
+    let partitions = partition::partitions(&rule, &points, None).unwrap();
+    assert!(partitions.len() >= 3);
+    let update = ExtendedUpdate {
+        rates: RateModel::Known,
+        partition: PartitionModel::Distance(rule),
+        clutter_filter: None,
+        superposition: false,
+        prune: 0.0,
+        extent: Some(ExtentModel {
+            prior,
+            time_constant: 30.0,
+        }),
+    };
+    let sight = Sight {
+        sensor: &sensor,
+        platform: None,
+        rule: Rule::Once,
+        detection_probability: p_d,
+        clutter_density: clutter,
+    };
+    let found = update.update(&mixture, &z, &sight).unwrap().components;
+
+    // By hand: every partition, every cell in it as often as it stands there.
+    struct Term {
+        size: f64,
+        mean: f64,
+        scatter: f64,
+        likelihoods: Vec<f64>,
+        weight: f64,
+    }
+    let term = |members: &[usize]| {
+        let n = members.len() as f64;
+        let mean = members.iter().map(|&i| z[i]).sum::<f64>() / n;
+        let scatter = members.iter().map(|&i| (z[i] - mean).powi(2)).sum::<f64>();
+        let likelihood = |c: &Component| {
+            let e = c.extent.as_ref().unwrap();
+            let (x, rate) = (e.cov[(0, 0)], c.rate.mean());
+            let s = 2.0 + (x + noise) / n;
+            let off = mean - c.state.mean[0];
+            let density = (-0.5 * off * off / s).exp() / (std::f64::consts::TAU * s).sqrt();
+            let shape = exact(x, e.certainty, noise, n, scatter).log_density.exp() / n.sqrt();
+            c.weight * p_d * (-rate).exp() * rate.powf(n) * density * shape
+        };
+        let likelihoods: Vec<f64> = mixture.iter().map(likelihood).collect();
+        let alone = if members.len() == 1 { clutter } else { 0.0 };
+        Term {
+            size: n,
+            mean,
+            scatter,
+            weight: alone + likelihoods.iter().sum::<f64>(),
+            likelihoods,
+        }
+    };
+    let all: Vec<Vec<Term>> = partitions
+        .iter()
+        .map(|p| p.cells().iter().map(|c| term(c)).collect())
+        .collect();
+    let products: Vec<f64> = all.iter().map(|p| p.iter().map(|t| t.weight).product()).collect();
+    let total: f64 = products.iter().sum();
+    let mut sums = [0.0; 2];
+    for (partition, product) in all.iter().zip(&products) {
+        for term in partition {
+            for j in 0..2 {
+                sums[j] += product / total * term.likelihoods[j] / term.weight;
+            }
+        }
+    }
+    for (j, expected) in sums.iter().enumerate() {
+        let weight: f64 = found[2..]
+            .iter()
+            .filter(|c| c.label == mixture[j].label)
+            .map(|c| c.weight)
+            .sum();
+        assert!((weight - expected).abs() < 1e-7, "{weight} {expected}");
+    }
+    // Every cell's extent, for the component that is updated by it.
+    for term in all.iter().flatten() {
+        let prior = mixture[0].extent.as_ref().unwrap();
+        let certainty = prior.certainty + term.size - 1.0;
+        let x = (prior.certainty * prior.cov[(0, 0)] + term.scatter) / certainty;
+        let gain = 2.0 / (2.0 + prior.cov[(0, 0)] / term.size);
+        let place = 1.0 + gain * (term.mean - 1.0);
+        let same = |c: &&Component| c.label == 1 && (c.state.mean[0] - place).abs() < 1e-6;
+        let hit = found[2..].iter().find(same).unwrap().extent.as_ref().unwrap();
+        assert!((hit.cov[(0, 0)] - x).abs() < 1e-6 && (hit.certainty - certainty).abs() < 1e-6);
+    }
+}
