@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-import inspect
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import trackrs as tr
+from trackrs import _kinds as kinds
 from trackrs import config as module
 from trackrs.config import ConfigError, load_config
 
@@ -308,24 +308,79 @@ def test_no_file(tmp_path):
 
 def test_every_argument_has_a_kind():
     """A model whose arguments the file cannot check would fail here, not at a user's."""
-    targets = [*module.MOTIONS.values(), *module.SENSORS.values(), *module._RECORDS.values()]
-    targets += [kind for kinds in module._CHOICES.values() for kind in kinds.values()]
+    targets = [*kinds.MOTIONS.values(), *kinds.SENSORS.values(), *kinds._RECORDS.values()]
+    targets += [kind for choices in kinds._CHOICES.values() for kind in choices.values()]
     targets += [module.InputConfig, module.TruthConfig, module.ScoreConfig, module.PlotConfig]
-    for target in targets:
-        assert dataclasses.is_dataclass(target)
-        for argument in module._arguments(target):
-            annotation = argument.annotation.removesuffix(" | None")
-            assert annotation in module._KINDS or module._LITERAL.fullmatch(annotation), (target, argument)
-    own = {"self", "motion", "sensors", "initial", "gate", *module._CHOICES}
-    for name in inspect.signature(tr.MultiTargetTracker.__init__).parameters.keys() - own:
-        annotation = str(inspect.signature(tr.MultiTargetTracker.__init__).parameters[name].annotation)
-        kind = annotation.removesuffix(" | None")
-        assert module._LITERAL.fullmatch(kind) or kind in {**module._KINDS, **module._RECORDS}, name
+    arguments = [argument for target in targets for argument in kinds._arguments(target)]
+    own = kinds.GIVEN_ELSEWHERE | {"gate", *kinds._CHOICES}
+    for name in kinds.TRACKERS:
+        arguments += [argument for argument in module.tracker_arguments(name) if argument.name not in own]
+    for argument in arguments:
+        for part in kinds._BETWEEN.split(argument.annotation.removesuffix(" | None")):
+            known = part in {**kinds._KINDS, **kinds._RECORDS} or kinds._LITERAL.fullmatch(part)
+            assert known or argument.annotation.removesuffix(" | None") in kinds._KINDS, argument
 
 
 def test_every_model_has_a_name():
     public = (getattr(tr, name) for name in tr.__all__)
     # A file cannot hold functions.
     classes = {value for value in public if isinstance(value, type)} - {tr.CustomMotion, tr.CustomSensor}
-    assert set(module.MOTIONS.values()) == {c for c in classes if issubclass(c, module.ConstantVelocity.__base__)}
-    assert set(module.SENSORS.values()) == {c for c in classes if issubclass(c, module.PositionSensor.__base__)}
+    assert set(kinds.MOTIONS.values()) == {c for c in classes if issubclass(c, tr.ConstantVelocity.__base__)}
+    assert set(kinds.SENSORS.values()) == {c for c in classes if issubclass(c, tr.PositionSensor.__base__)}
+
+
+INTENSITY = (
+    GOOD[: GOOD.index("[tracker]")]
+    + """
+[tracker]
+type = "extended-phd"
+clutter_density = {radar = 1e-6, sonar = 1e-3}
+detections_per_target = {mean = 12, shape = 8}
+partition = {type = "distance", thresholds = [1.0, 2.0]}
+clutter_filter = {n_neighbors = 4}
+birth = {type = "given", means = [[0, 0, 0, 0], [50, 0, 0, 0]], std = [50, 50, 10, 10], weights = 0.05}
+merge = 3.0
+"""
+)
+
+
+def test_trackers_by_intensity_have_a_type(load):
+    config = load(INTENSITY)
+    assert config.kind == "extended_phd"
+    assert config.tracker["partition"] == tr.DistancePartition(thresholds=[1.0, 2.0])
+    assert config.tracker["detections_per_target"] == tr.DetectionRate(12, shape=8)
+    birth = config.tracker["birth"]
+    np.testing.assert_array_equal(birth.states[1].mean, [50, 0, 0, 0])
+    np.testing.assert_array_equal(birth.states[0].cov, np.diag([2500.0, 2500, 100, 100]))
+    assert isinstance(config.make_tracker(), tr.IntensityTracker)
+    for kind in ("phd", "cphd"):
+        text = (
+            GOOD[: GOOD.index("[tracker]")]
+            + f"""
+[tracker]
+type = "{kind}"
+gate = 0.999
+clutter_density = 1e-6
+birth = {{type = "adaptive", weight = 0.05, max_speed = 20.0}}
+"""
+        )
+        assert isinstance(load(text).make_tracker(), tr.IntensityTracker)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "expected"),
+    [
+        ("extended-phd", "extended-pdh", '[tracker] type = "extended_pdh" is unknown; did you mean "extended_phd"?'),
+        ("merge = 3.0", "merges = 3.0", '[tracker]: unknown key "merges"; did you mean "merge"?'),
+        ("merge = 3.0", "merge = -3.0", "[tracker] merge"),
+        ("thresholds = [1.0, 2.0]", "thresholds = 7", "[tracker.partition] thresholds = 7 is invalid"),
+        ('type = "distance"', 'type = "distant"', '"distant" is unknown'),
+        ("{mean = 12, shape = 8}", '"many"', '[tracker] detections_per_target = "many" is invalid'),
+        ("std = [50, 50, 10, 10]", "std = [50, 50]", "[tracker.birth]"),
+        ("sonar = 1e-3", "sonor = 1e-3", "clutter_density"),
+        ("clutter_density = {radar = 1e-6, sonar = 1e-3}", "", '[tracker]: "clutter_density" is missing'),
+    ],
+)
+def test_mistakes_in_a_tracker_by_intensity(load, wrong, right, expected):
+    assert wrong in INTENSITY
+    assert expected in message(load, INTENSITY.replace(wrong, right))

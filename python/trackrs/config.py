@@ -9,32 +9,42 @@ and write "none" where it is not, as in `associator = {type = "npda", clutter_pr
 
 from __future__ import annotations
 
-import difflib
-import inspect
-import json
 import math
 import re
 import tomllib
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
-from trackrs.association import JIPDA, JPDA, NPDA, PDA, GlobalNearestNeighbour, NearestNeighbour
+from trackrs._kinds import (
+    _BETWEEN,
+    _CHOICES,
+    _KINDS,
+    _LITERAL,
+    _RECORDS,
+    GIVEN_ELSEWHERE,
+    MOTIONS,
+    SENSORS,
+    TRACKERS,
+    _Argument,
+    _arguments,
+    _hint,
+    _shown,
+    snake_case,
+)
 from trackrs.errors import DimensionError, TrackrsError
 from trackrs.gating import Gate
 from trackrs.metric import GOSPA, OSPA, gospa
-from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
-from trackrs.pose import CameraSensor, PoseSensor
-from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
-from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
+from trackrs.tracker import MofN, MultiTargetTracker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from trackrs.motion import Motion
+    from trackrs.phd import IntensityTracker
     from trackrs.sensor import Sensor
 
 T = TypeVar("T")
@@ -129,7 +139,8 @@ class Config:
         motion: how targets move.
         sensors: the sensors by name.
         columns: per sensor, the columns of the detections table, one per component of its measurement.
-        tracker: the other arguments of `MultiTargetTracker`.
+        kind: which tracker: "multi_target", "phd", "cphd" or "extended_phd".
+        tracker: its other arguments.
         input: how detections and scans are read.
         truth: how the truth is read, if the file says so.
         score: how tracks are scored, if the file says so.
@@ -140,34 +151,19 @@ class Config:
     motion: Motion
     sensors: Mapping[str, Sensor]
     columns: Mapping[str, tuple[str, ...]]
+    kind: str
     tracker: Mapping[str, Any]
     input: InputConfig
     truth: TruthConfig | None
     score: ScoreConfig | None
     plot: PlotConfig
 
-    def make_tracker(self) -> MultiTargetTracker:
+    def make_tracker(self) -> MultiTargetTracker | IntensityTracker:
         """Return a tracker that has seen nothing yet."""
-        return MultiTargetTracker(self.motion, self.sensors, **self.tracker)
+        made = TRACKERS[self.kind](self.motion, self.sensors, **self.tracker)
+        return made if isinstance(made, MultiTargetTracker) else made.start()
 
 
-def snake_case(name: str) -> str:
-    """Return the name of a class as it stands in a configuration file."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-
-
-MOTIONS: dict[str, Callable[..., Motion]] = {
-    snake_case(model.__name__): model
-    for model in (ConstantVelocity, ConstantAcceleration, RandomWalk, Singer, LinearMotion)
-}
-SENSORS: dict[str, Callable[..., Sensor]] = {
-    snake_case(model.__name__).removesuffix("_sensor"): model
-    for model in (PositionSensor, RangeBearing, RangeArray, PoseSensor, CameraSensor, LinearSensor)
-}
-ASSOCIATORS: dict[str, Callable[..., Any]] = {
-    snake_case(kind.__name__): kind for kind in (GlobalNearestNeighbour, NearestNeighbour, PDA, JPDA, JIPDA, NPDA)
-}
-INITIATORS: dict[str, Callable[..., Any]] = {snake_case(kind.__name__): kind for kind in (MofN, Existence)}
 TABLES = ("motion", "sensors", "tracker", "input", "truth", "score", "plot")
 
 
@@ -181,98 +177,29 @@ def load_config(path: str | Path) -> Config:
     return _Loader(Path(path)).load()
 
 
-# --- values ----------------------------------------------------------------------------------------------------------
+def tracker_arguments(kind: str) -> list[_Argument]:
+    """Return all arguments of a tracker."""
+    target = TRACKERS[kind]
+    return _arguments(MultiTargetTracker.__init__ if target is MultiTargetTracker else target)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**32
-
-
-def _are(check: Callable[[object], bool]) -> Callable[[object], bool]:
-    return lambda value: isinstance(value, list) and all(check(item) for item in value)
-
-
-_NUMBERS = _are(_is_number)
-_TEXTS = _are(lambda item: isinstance(item, str))
-
-
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """What a value must be: a test, and the same in words."""
-
-    accepts: Callable[[object], bool]
-    words: str
-
-
-# By the annotation of the argument, without ` | None`.
-_KINDS = {
-    "int": _Kind(_is_count, "a whole number, not negative"),
-    "float": _Kind(_is_number, "a number"),
-    "bool": _Kind(lambda value: isinstance(value, bool), "true or false"),
-    "str": _Kind(lambda value: isinstance(value, str), "text in quotes"),
-    "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
-    "Sequence[float]": _Kind(_NUMBERS, "a list of numbers"),
-    "float | Sequence[float]": _Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
-    "float | Mapping[str, float]": _Kind(
-        lambda v: _is_number(v) or (isinstance(v, dict) and all(_is_number(item) for item in v.values())),
-        "a number, or a table of numbers by sensor",
-    ),
-    "float | ArrayLike": _Kind(
-        lambda v: _is_number(v) or _NUMBERS(v) or _are(_NUMBERS)(v),
-        "a number, a list of numbers, or of rows of numbers",
-    ),
-    "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
-}
-_RECORDS: dict[str, type] = {"Deletion": Deletion, "ClutterMap": ClutterMap}
-# By the name of the argument: records of several kinds, which a table's "type" chooses from.
-_CHOICES = {"initiator": INITIATORS, "associator": ASSOCIATORS}
-_LITERAL = re.compile(r"Literal\[(.*)\]")
-
-
-@dataclass(frozen=True, slots=True)
-class _Argument:
-    """An argument of a class or function, as its signature has it."""
-
-    name: str
-    annotation: str
-    required: bool
-    default: object = None
-
-    @property
-    def takes_none(self) -> bool:
-        """Whether None is a choice that leaving it out does not make."""
-        return self.annotation.endswith(" | None") and not self.required and self.default is not None
-
-
-def _arguments(target: Callable[..., Any]) -> list[_Argument]:
-    """The arguments that a table may give to `target`."""
-    if isinstance(target, type) and hasattr(target, "__dataclass_fields__"):
-        return [
-            _Argument(
-                field.name,
-                str(field.type),
-                field.default is MISSING and field.default_factory is MISSING,
-                field.default,
-            )
-            for field in fields(target)
-            if field.init
-        ]
-    parameters = inspect.signature(target).parameters.values()
-    return [_Argument(p.name, str(p.annotation), p.default is inspect.Parameter.empty, p.default) for p in parameters]
-
-
-def _shown(value: object) -> str:
-    text = json.dumps(value, default=str, ensure_ascii=False)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _hint(wrong: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(wrong, known, n=1)
-    return f'; did you mean "{close[0]}"?' if close else ""
+def _accepted(annotation: str) -> tuple[Callable[[object], bool], str]:
+    """What a value must be that may be of several kinds: a test, and the same in words."""
+    if annotation in _KINDS:
+        return _KINDS[annotation].accepts, _KINDS[annotation].words
+    tests: list[Callable[[object], bool]] = []
+    words: list[str] = []
+    for part in _BETWEEN.split(annotation):
+        if choices := _LITERAL.fullmatch(part):
+            known = re.findall(r"['\"](\w+)['\"]", choices[1])
+            tests.append(known.__contains__)
+            words.append(", ".join(f'"{name}"' for name in known))
+        elif part in _KINDS:
+            tests.append(_KINDS[part].accepts)
+            words.append(_KINDS[part].words)
+        elif part in _RECORDS:
+            words.append("a table")
+    return lambda value: any(test(value) for test in tests), " or ".join(words)
 
 
 # --- the file --------------------------------------------------------------------------------------------------------
@@ -294,12 +221,17 @@ class _Loader:
         sensors, columns = self.sensors(self.required(document, "sensors"))
         layout = self.build(InputConfig, self.table(document, "input") or {}, "[input]")
         truth, score = self.table(document, "truth"), self.table(document, "score")
+        tracker = self.required(document, "tracker")
+        # The hyphen is as good as the underscore.
+        named = str(tracker.pop("type", "multi_target")).replace("-", "_")
+        kind = self.choice(named, TRACKERS, "[tracker] type")
         config = Config(
             path=self.path,
             motion=motion,
             sensors=sensors,
             columns=columns,
-            tracker=self.tracker(self.required(document, "tracker")),
+            kind=kind,
+            tracker=self.tracker(kind, tracker),
             input=layout,
             truth=None if truth is None else self.build(TruthConfig, truth, "[truth]"),
             score=None if score is None else self.build(ScoreConfig, score, "[score]"),
@@ -365,9 +297,9 @@ class _Loader:
             return None
         if choices := _LITERAL.fullmatch(annotation):
             return self.choice(value, re.findall(r"['\"](\w+)['\"]", choices[1]), f"{where} {argument.name}")
-        kind = _KINDS[annotation]
-        if not kind.accepts(value):
-            words = f'{kind.words}, or "none"' if argument.takes_none else kind.words
+        accepts, words = _accepted(annotation)
+        if not accepts(value):
+            words = f'{words}, or "none"' if argument.takes_none else words
             self.fail(where, f" {argument.name} = {_shown(value)} is invalid: must be {words}")
         if annotation == "float":
             return float(value)
@@ -411,19 +343,19 @@ class _Loader:
             sensors[name], columns[name] = sensor, names
         return sensors, columns
 
-    def tracker(self, table: Mapping[str, Any]) -> dict[str, Any]:
-        """The arguments of `MultiTargetTracker` that a file can hold: numbers, and records of numbers."""
+    def tracker(self, kind: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments of a tracker that a file can hold: numbers, and records of numbers."""
         where, out = "[tracker]", {}
-        given_elsewhere = {"self", "motion", "sensors", "initial"}
-        arguments = [a for a in _arguments(MultiTargetTracker.__init__) if a.name not in given_elsewhere]
-        self.known_keys(table, [argument.name for argument in arguments], where)
+        arguments = [a for a in tracker_arguments(kind) if a.name not in GIVEN_ELSEWHERE]
+        self.known_keys(table, ["type", *(argument.name for argument in arguments)], where)
         for argument in arguments:
             name, annotation = argument.name, argument.annotation.removesuffix(" | None")
+            record = _RECORDS.get(_BETWEEN.split(annotation)[-1])
             if name not in table:
                 if argument.required:
                     self.fail(where, f': "{name}" is missing')
-            elif annotation in _RECORDS:
-                out[name] = self.build(_RECORDS[annotation], self.table(table, name) or {}, f"[tracker.{name}]")
+            elif record is not None and (isinstance(table[name], dict) or annotation in _RECORDS):
+                out[name] = self.build(record, self.table(table, name) or {}, f"[tracker.{name}]")
             elif name in _CHOICES:
                 out[name] = self.kind(name, table[name], where)
             elif name == "gate":
@@ -460,7 +392,7 @@ class _Loader:
                 self.fail(
                     "[input]", f' ignore_sensors: "{name}" has a model in [sensors.{name}]; remove one of the two'
                 )
-        self.core(config.make_tracker, "[tracker]")
+        self.core(config.make_tracker, "[tracker]", config.kind)
         if config.score:
             self.check_score(config, config.score, score)
         if len(config.plot.labels) != 2:
@@ -486,7 +418,7 @@ class _Loader:
         if config.truth and len(config.truth.columns) != len(platform):
             self.fail("[input]", f" platform: {len(platform)} columns, but [truth] has {len(config.truth.columns)}")
 
-    def core(self, build: Callable[[], object], where: str) -> None:
+    def core(self, build: Callable[[], object], where: str, kind: str = "multi_target") -> None:
         """Let the core check, and put its finding where the user wrote the value."""
         try:
             build()
@@ -496,8 +428,8 @@ class _Loader:
             if where == "[tracker]":
                 if culprit == "probability":
                     text = text.replace(culprit, "gate", 1)
-                for argument in _arguments(MultiTargetTracker.__init__):
-                    record = _RECORDS.get(argument.annotation.removesuffix(" | None"))
+                for argument in tracker_arguments(kind):
+                    record = _RECORDS.get(_BETWEEN.split(argument.annotation.removesuffix(" | None"))[-1])
                     records = [record] if record else _CHOICES.get(argument.name, {}).values()
                     if any(culprit in {item.name for item in _arguments(record)} for record in records):
                         where = f"[tracker.{argument.name}]"

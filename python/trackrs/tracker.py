@@ -120,6 +120,10 @@ class Recorder:
     _labels: tuple[str, ...]
     _kind: ClassVar[Any]
 
+    def run(self, scans: Iterable[Scan]) -> Tracks:
+        """Take in all scans, in the order of their times, and return the confirmed tracks after each."""
+        raise NotImplementedError
+
     @property
     def events(self) -> list[Event]:
         """The last 1000 events, oldest first; all are counted in `event_counts`."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trackrs.config import Config
     from trackrs.io import Recording
     from trackrs.metric import Truth
-    from trackrs.tracker import MultiTargetTracker
+    from trackrs.tracker import Recorder
     from trackrs.types import Scan
 
 CHUNK = 64  # scans between two looks at the clock
@@ -77,7 +77,7 @@ def track(
     _report(tracks, tracker, recording, seconds, detections, out, plot, as_json)
 
 
-def run_in_chunks(tracker: MultiTargetTracker, scans: Sequence[Scan]) -> Tracks:
+def run_in_chunks(tracker: Recorder, scans: Sequence[Scan]) -> Tracks:
     """Run the tracker over the scans; a progress bar appears when that takes more than a second on a terminal."""
     parts, begun = [], time.monotonic()
     with ExitStack() as stack:
@@ -104,7 +104,7 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
         for name in ("scan_times", "times", "ids", "means", "covs", "last_hits", "hits")
     }
     arrays["offsets"] = np.append(np.concatenate(offsets), rows[-1])
-    for name in ("existences", "extents"):
+    for name in ("existences", "expected_targets", "extents"):
         kept = [getattr(part, name) for part in parts]
         if all(value is not None for value in kept):
             arrays[name] = np.concatenate(kept)
@@ -155,7 +155,7 @@ def _draw(
 
 def _report(
     tracks: Tracks,
-    tracker: MultiTargetTracker,
+    tracker: Recorder,
     recording: Recording,
     seconds: float,
     detections: Path,

@@ -13,7 +13,7 @@ use crate::model::StateSpace;
 
 /// Intermediate matrices of an update.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     /// Kᵀ, m×n.
     gain: Vec<f64>,
     /// Bᵀ, n×n.

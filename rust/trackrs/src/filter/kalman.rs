@@ -68,6 +68,27 @@ pub fn predict_by(
     Ok(prediction.state)
 }
 
+/// Several estimates `dt` seconds later.
+pub fn predict_each<'a>(
+    rule: Rule,
+    priors: impl IntoIterator<Item = &'a Gaussian>,
+    motion: &dyn Motion,
+    dt: f64,
+) -> Result<Vec<Gaussian>> {
+    let mut prediction = Prediction::new(motion.space(), rule, Form::Joseph);
+    let course = Course {
+        motion,
+        dt,
+        input: None,
+        noise: None,
+    };
+    let mut one = |prior: &Gaussian| {
+        prediction.predict(prior, None, &course)?;
+        Ok(prediction.state.clone())
+    };
+    priors.into_iter().map(&mut one).collect()
+}
+
 /// Result of one measurement update.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Update {
@@ -252,9 +273,13 @@ impl MeasurementPrediction {
 
     /// The posterior for a fully observed innovation.
     pub fn posterior(&self, prior: &Gaussian, innovation: &DVector<f64>) -> Gaussian {
-        let mut scratch = Scratch::default();
+        self.posterior_using(prior, innovation.as_slice(), &mut Scratch::default())
+    }
+
+    /// The same with memory for what comes between, where there are many.
+    pub(crate) fn posterior_using(&self, prior: &Gaussian, innovation: &[f64], scratch: &mut Scratch) -> Gaussian {
         let mut out = prior.clone();
-        self.posterior_into(prior.into(), innovation.as_slice(), &mut scratch, &mut out);
+        self.posterior_into(prior.into(), innovation, scratch, &mut out);
         out
     }
 

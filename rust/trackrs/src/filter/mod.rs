@@ -3,7 +3,7 @@
 pub mod adaptation;
 mod chart;
 mod complete;
-mod correction;
+pub(crate) mod correction;
 pub mod extended;
 mod fit;
 mod found;

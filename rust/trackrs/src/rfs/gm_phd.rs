@@ -22,6 +22,7 @@ use super::mixture::Component;
 use super::sums::{log_add, log_sum};
 use super::{Sight, Updated};
 use crate::error::Result;
+use crate::filter::correction::Scratch;
 use crate::filter::extended::{Linearised, expect};
 use crate::gating::mahalanobis::Gate;
 use crate::model::sensor::residual_into;
@@ -39,7 +40,8 @@ pub struct PointUpdate {
 struct Pair {
     component: usize,
     log_likelihood: f64,
-    innovation: DVector<f64>,
+    /// Where its innovation begins.
+    innovation: usize,
 }
 
 /// All pairs of a scan.
@@ -48,6 +50,8 @@ pub(super) struct Pairs<'a> {
     /// What the sensor should report of every component; none where that cannot be said.
     expected: Vec<Option<Linearised>>,
     of_measurement: Vec<Vec<Pair>>,
+    /// z − ĥ of all pairs, angles wrapped.
+    innovations: Vec<f64>,
     /// ln Σ_j L_jz.
     pub(super) log_targets: Vec<f64>,
     detection_probability: f64,
@@ -96,7 +100,7 @@ impl PointUpdate {
         if sorted {
             order.sort_by(|&a, &b| first(a).total_cmp(&first(b)));
         }
-        let mut innovation = vec![0.0; m];
+        let (mut innovation, mut innovations) = (vec![0.0; m], Vec::new());
         for (component, prior) in mixture.iter().enumerate() {
             let Ok(linearised) = expect(&prior.state, sight.sensor, sight.platform, sight.rule) else {
                 expected.push(None);
@@ -118,14 +122,14 @@ impl PointUpdate {
                 if innovation.iter().zip(&widths).any(|(r, width)| r.abs() > *width) {
                     continue;
                 }
-                let innovation = DVector::from_column_slice(&innovation);
-                let white = linearised.prediction.whiten(&innovation);
+                let white = linearised.prediction.whiten(&DVector::from_column_slice(&innovation));
                 if white.nis <= threshold {
                     of_measurement[z].push(Pair {
                         component,
                         log_likelihood: log_prior + white.log_likelihood,
-                        innovation,
+                        innovation: innovations.len(),
                     });
+                    innovations.extend_from_slice(&innovation);
                 }
             }
             expected.push(Some(linearised));
@@ -136,6 +140,7 @@ impl PointUpdate {
             expected,
             log_targets: of_measurement.iter().map(total).collect(),
             of_measurement,
+            innovations,
             detection_probability: sight.detection_probability,
         })
     }
@@ -151,6 +156,7 @@ impl PointUpdate {
                 skipped += 1;
             }
         }
+        let mut scratch = Scratch::default();
         for (of_measurement, log_detected) in pairs.of_measurement.iter().zip(&factors.log_detected) {
             for pair in of_measurement {
                 let weight = libm::exp(pair.log_likelihood + log_detected);
@@ -158,10 +164,15 @@ impl PointUpdate {
                     continue;
                 };
                 let prior = &pairs.mixture[pair.component];
+                let innovation = &pairs.innovations[pair.innovation..][..expected.expected.len()];
                 components.push(Component {
                     weight,
-                    state: expected.prediction.posterior(&prior.state, &pair.innovation),
-                    ..prior.clone()
+                    state: expected
+                        .prediction
+                        .posterior_using(&prior.state, innovation, &mut scratch),
+                    rate: prior.rate,
+                    extent: None,
+                    label: prior.label,
                 });
             }
         }

@@ -24,7 +24,7 @@ use super::rate::Rate;
 use crate::error::{Error, Result, require_non_negative};
 use crate::filter::mixture::{Hypothesis, moment_match};
 use crate::gaussian::Gaussian;
-use crate::linalg::cholesky::Cholesky;
+use crate::linalg::kernel;
 use crate::model::StateSpace;
 use crate::track::Extent;
 
@@ -107,16 +107,18 @@ impl Reduction {
         let mut left: Vec<Component> = components.into_iter().filter(|c| c.weight > self.prune).collect();
         // Heaviest first; equal weights stay in their order.
         left.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        let mut factors: Vec<Option<Cholesky>> = vec![None; left.len()];
+        let mut factors: Vec<Vec<f64>> = vec![Vec::new(); left.len()];
         let mut taken = vec![false; left.len()];
-        let mut out = Vec::new();
+        let mut scratch = Vec::new();
+        let (mut out, mut members) = (Vec::new(), Vec::new());
         for j in 0..left.len() {
             if taken[j] {
                 continue;
             }
-            let mut members = vec![j];
+            members.clear();
+            members.push(j);
             for i in j + 1..left.len() {
-                if !taken[i] && self.joins(&left[i].state, &left[j].state.mean, &mut factors[i])? {
+                if !taken[i] && self.joins(&left[i].state, &left[j].state.mean, &mut factors[i], &mut scratch)? {
                     taken[i] = true;
                     members.push(i);
                 }
@@ -135,26 +137,38 @@ impl Reduction {
     }
 
     /// Whether a component lies within U of a mean; its factor is found when it is first needed.
-    fn joins(&self, state: &Gaussian, mean: &DVector<f64>, factor: &mut Option<Cholesky>) -> Result<bool> {
+    fn joins(&self, state: &Gaussian, mean: &DVector<f64>, factor: &mut Vec<f64>, e: &mut Vec<f64>) -> Result<bool> {
+        let n = mean.len();
+        e.clear();
         // eᵀ P⁻¹ e is at least e_k² / P_kk for every k.
-        for k in 0..mean.len() {
-            let e = state.mean[k] - mean[k];
-            if e * e > self.merge * state.cov[(k, k)] {
+        for k in 0..n {
+            let off = state.mean[k] - mean[k];
+            if off * off > self.merge * state.cov[(k, k)] {
                 return Ok(false);
             }
+            e.push(off);
         }
-        let e = &state.mean - mean;
-        if factor.is_none() {
-            *factor = Some(Cholesky::new(&state.cov, "component covariance")?);
+        if factor.is_empty() {
+            factor.extend_from_slice(state.cov.as_slice());
+            kernel::cholesky(n, factor).map_err(|pivot| Error::NotPositiveDefinite {
+                what: "component covariance".into(),
+                pivot: pivot.index,
+                value: pivot.value,
+            })?;
         }
-        Ok(factor
-            .as_ref()
-            .is_some_and(|factor| factor.whiten(&e).norm_squared() <= self.merge))
+        kernel::solve_lower::<1>(n, 1, factor, e);
+        Ok(kernel::dot(e, e) <= self.merge)
     }
 }
 
 fn merged(all: &[Component], members: &[usize]) -> Merged {
     let first = &all[members[0]];
+    if members.len() == 1 {
+        return Merged {
+            component: first.clone(),
+            labels: vec![first.label],
+        };
+    }
     let mut labels: Vec<u64> = Vec::with_capacity(1);
     for &i in members {
         if !labels.contains(&all[i].label) {

@@ -18,7 +18,7 @@ use super::mixture::Component;
 use super::rate::{Rate, RateModel};
 use crate::error::{Error, Result, require_finite, require_non_negative, require_probability, require_size};
 use crate::filter::extended::Rule;
-use crate::filter::kalman::predict_by;
+use crate::filter::kalman::predict_each;
 use crate::gaussian::Gaussian;
 use crate::linalg::symmetric::require_covariance;
 use crate::model::Motion;
@@ -85,10 +85,11 @@ impl Fate {
         next_label: &mut u64,
     ) -> Result<Vec<Component>> {
         let mut out = Vec::with_capacity(mixture.len() * (1 + self.spawns.len()) + self.births.len());
-        for component in mixture {
+        let states = predict_each(rule, mixture.iter().map(|component| &component.state), motion, dt)?;
+        for (component, state) in mixture.iter().zip(states) {
             out.push(Component {
                 weight: component.weight * self.survival_probability,
-                state: predict_by(rule, &component.state, motion, dt, None)?,
+                state,
                 rate: rates.predicted(component.rate),
                 extent: component.extent.clone(),
                 label: component.label,

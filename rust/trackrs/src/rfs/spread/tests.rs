@@ -126,7 +126,7 @@ fn through_noise_the_extent_is_close_to_the_integral() {
     }
     let mean = |sums: [f64; 2]| sums.map(|sum| sum / f64::from(cases));
     let (own, others) = (mean(own), mean(others));
-    assert!(own[0] < 0.1 && own[1] < 0.25, "{own:?} {others:?}");
+    assert!(own[0] < 0.02 && own[1] < 0.08, "{own:?} {others:?}");
     assert!(own[0] < others[0] && own[1] < others[1], "{own:?} {others:?}");
 }
 

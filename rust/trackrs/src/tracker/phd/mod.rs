@@ -229,15 +229,9 @@ impl PhdTracker {
     }
 
     fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
-        let finite = |c: &Component| {
-            let numbers = c.state.mean.iter().chain(c.state.cov.iter());
-            let extent = c
-                .extent
-                .iter()
-                .flat_map(|extent| extent.cov.iter().chain([&extent.certainty]));
-            let numbers = numbers.chain(extent);
-            c.weight.is_finite() && numbers.copied().all(f64::is_finite)
-        };
+        // A sum is finite only if all its terms are.
+        let extent = |c: &Component| c.extent.as_ref().map_or(0.0, |e| e.cov.sum() + e.certainty);
+        let finite = |c: &Component| (c.weight + c.state.mean.sum() + c.state.cov.sum() + extent(c)).is_finite();
         let before = self.mixture.len();
         self.mixture.retain(finite);
         if self.mixture.len() == before {
