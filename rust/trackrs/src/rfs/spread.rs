@@ -272,6 +272,18 @@ impl Sensor for SpreadSensor<'_> {
     fn jacobian(&self, state: &DVector<f64>, platform: Option<&DVector<f64>>) -> Result<DMatrix<f64>> {
         self.sensor.jacobian(state, platform)
     }
+    fn linearise_into(
+        &self,
+        state: &DVector<f64>,
+        platform: Option<&DVector<f64>>,
+        expected: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<()> {
+        self.sensor.linearise_into(state, platform, expected, jacobian)
+    }
+    fn observe_all(&self, states: &[f64], n: usize, platform: Option<&DVector<f64>>, out: &mut [f64]) -> Result<()> {
+        self.sensor.observe_all(states, n, platform, out)
+    }
     fn noise(&self) -> DMatrix<f64> {
         self.cov.clone()
     }
@@ -280,6 +292,9 @@ impl Sensor for SpreadSensor<'_> {
     }
     fn rotation(&self) -> Option<usize> {
         self.sensor.rotation()
+    }
+    fn platform_dims(&self) -> Option<usize> {
+        self.sensor.platform_dims()
     }
     fn is_linear(&self) -> bool {
         self.sensor.is_linear()
