@@ -344,6 +344,33 @@ merge = 3.0
 )
 
 
+def test_extents_are_a_record_for_sensors_of_positions(load):
+    text = """
+[motion]
+type = "constant_velocity"
+dims = 2
+accel_std = 2.0
+
+[sensors.radar]
+type = "position"
+columns = ["x", "y"]
+dims = 2
+std = 20.0
+
+[tracker]
+type = "extended-phd"
+clutter_density = 1e-6
+detections_per_target = 10
+birth = {type = "adaptive", weight = 0.05, max_speed = 30}
+extent = {axes = [60, 40], certainty = 8}
+"""
+    assert load(text).tracker["extent"] == tr.Extent([60, 40], certainty=8)
+    with pytest.raises(ConfigError, match="linearly"):
+        load(INTENSITY + "extent = {axes = [60, 40], certainty = 8}\n")
+    with pytest.raises(ConfigError, match="axes"):
+        load(text.replace("axes = [60, 40], ", ""))
+
+
 def test_trackers_by_intensity_have_a_type(load):
     config = load(INTENSITY)
     assert config.kind == "extended_phd"

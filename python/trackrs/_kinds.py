@@ -24,7 +24,7 @@ from trackrs.partition import (
     TreePartition,
     TwoLevelPartition,
 )
-from trackrs.phd import CPHD, GMPHD, AdaptiveBirth, Birth, DetectionRate, ExtendedGMPHD
+from trackrs.phd import CPHD, GMPHD, AdaptiveBirth, Birth, DetectionRate, ExtendedGMPHD, Extent
 from trackrs.pose import CameraSensor, PoseSensor
 from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
 from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
@@ -145,6 +145,7 @@ _RECORDS: dict[str, type] = {
     "ClutterMap": ClutterMap,
     "LocalOutlierFactor": LocalOutlierFactor,
     "DetectionRate": DetectionRate,
+    "Extent": Extent,
 }
 # By the name of the argument: records of several kinds, which a table's "type" chooses from.
 _CHOICES = {"initiator": INITIATORS, "associator": ASSOCIATORS, "birth": BIRTHS, "partition": PARTITIONS}

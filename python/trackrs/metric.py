@@ -87,6 +87,10 @@ def _points(points: ArrayLike, name: str) -> FloatArray:
     return np.zeros((0, 0)) if np.size(points) == 0 else array(points, name, 2)
 
 
+def _extents(extents: ArrayLike) -> FloatArray:
+    return np.zeros((0, 0, 0)) if np.size(extents) == 0 else array(extents, "extents", 3)
+
+
 def ospa(x: ArrayLike, y: ArrayLike, c: float, p: float = 2.0) -> OspaDistance:
     """Return the OSPA distance of two sets of points.
 
@@ -111,7 +115,15 @@ def ospa(x: ArrayLike, y: ArrayLike, c: float, p: float = 2.0) -> OspaDistance:
     return OspaDistance(**_trackrs.ospa(_points(x, "x"), _points(y, "y"), c, p))
 
 
-def gospa(truth: ArrayLike, estimates: ArrayLike, c: float, p: float = 2.0, alpha: float = 2.0) -> GospaDistance:
+def gospa(
+    truth: ArrayLike,
+    estimates: ArrayLike,
+    c: float,
+    p: float = 2.0,
+    alpha: float = 2.0,
+    *,
+    extents: tuple[ArrayLike, ArrayLike] | None = None,
+) -> GospaDistance:
     """Return the GOSPA distance of estimates from the truth.
 
     Args:
@@ -120,20 +132,24 @@ def gospa(truth: ArrayLike, estimates: ArrayLike, c: float, p: float = 2.0, alph
         c: cutoff, metres.
         p: order, at least 1.
         alpha: in (0, 2].
+        extents: of truth (k, d, d) and estimates (l, d, d), positive definite covariances as those of `Tracks`: the
+            distance of two targets is then the Gaussian-Wasserstein distance, of their centres and of their extents.
 
     Raises:
         ParameterError: a parameter is outside its domain.
         DimensionError: the points have different numbers of coordinates.
 
     Reference:
-        Rahmathullah, Garcia-Fernandez, Svensson (2017), Generalized optimal sub-pattern assignment metric.
+        Rahmathullah, Garcia-Fernandez, Svensson (2017), Generalized optimal sub-pattern assignment metric; Yang, Baum,
+        Granström (2016), Metrics for performance evaluation of elliptic extended object tracking methods.
 
     Example:
         >>> import trackrs as tr
         >>> tr.gospa([[0.0], [50.0]], [[3.0]], c=10.0).missed
         50.0
     """
-    out = _trackrs.gospa(_points(truth, "truth"), _points(estimates, "estimates"), c, p, alpha)
+    covs = None if extents is None else (_extents(extents[0]), _extents(extents[1]))
+    out = _trackrs.gospa(_points(truth, "truth"), _points(estimates, "estimates"), c, p, alpha, covs)
     pairs = tuple(Pair(*pair) for pair in out.pop("pairs"))
     return GospaDistance(pairs=pairs, **out)
 

@@ -115,6 +115,38 @@ class DetectionRate:
     floor: float = 3.0
 
 
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How large targets are: an ellipse for every target, learnt from the scatter of its measurements.
+
+    The ellipse stands for the covariance of the points that give measurements: its whole axes are four standard
+    deviations, which for a uniformly filled ellipse in the plane are its own. It may have any orientation, and keeps
+    its own between scans.
+
+    Args:
+        axes: whole axes expected of a new target along the measured coordinates, metres, two or three. Rather too large
+            than too small: small and certain, one large target is taken for several.
+        certainty: how sure that is: worth so many measurements without noise. In the literature's terms the inverse
+            Wishart distribution has 2 d + 2 + `certainty` degrees of freedom.
+        time_constant: time in which what was learnt loses all but 1/e of its weight, seconds.
+
+    Reference:
+        Granström, Natale, Braca, Ludeno, Serafino (2015), IEEE TGRS 53(12); Feldmann, Fränken, Koch (2011), IEEE TSP
+        59(4); docs/intensity_filters.md, which says how sensor noise is treated.
+    """
+
+    axes: Sequence[float]
+    certainty: float = 5.0
+    time_constant: float = 60.0
+
+    def _items(self) -> tuple[FloatArray, float, float]:
+        axes = array(self.axes, "extent axes", 1)
+        if not (axes > 0.0).all():
+            msg = f"extent axes: must be positive, found {axes.tolist()}"
+            raise ParameterError(msg)
+        return np.diag((axes / 4.0) ** 2), self.certainty, self.time_constant
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
     """An intensity.
@@ -123,12 +155,14 @@ class Mixture:
         weights: expected number of targets in every component (J,).
         means, covs: (J, n) and (J, n, n).
         detection_rates: mean number of measurements of every component (J,).
+        extents: expected extents (J, d, d), as those of `Tracks`; None where they are not learnt.
     """
 
     weights: FloatArray
     means: FloatArray
     covs: FloatArray
     detection_rates: FloatArray
+    extents: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of components."""
@@ -230,7 +264,8 @@ class ExtendedGMPHD(_IntensityFilter):
     Args:
         motion: how targets move; every state must add (no attitudes).
         sensor: the sensor, or several by name, which are taken one after the other as their scans come. Its noise is
-            the spread of one measurement about the target's centre: the sensor's own and the target's extent.
+            the spread of one measurement about the target's centre: the sensor's own and the target's extent, unless
+            `extent` is given.
         birth: where targets may appear.
         clutter_density: false measurements per scan and unit of the measurement space (1/m² for positions, 1/(m rad)
             for range and bearing), one for all sensors or by sensor.
@@ -241,6 +276,8 @@ class ExtendedGMPHD(_IntensityFilter):
         partition: how measurements are divided into cells.
         clutter_filter: what is taken out before they are divided; each becomes a cell of its own.
         superposition: whether targets with common measurements may share them; None: with trees.
+        extent: how large targets are, learnt for each; the sensor's noise is then its own alone. The sensors measure
+            positions. None: not learnt.
         spawns: what targets give off.
         filter: how nonlinear models are treated, as in `MultiTargetTracker`.
         prune: components of this weight and below go.
@@ -280,6 +317,7 @@ class ExtendedGMPHD(_IntensityFilter):
     partition: Partition = field(default=TreePartition(), kw_only=True)
     clutter_filter: LocalOutlierFactor | None = field(default=None, kw_only=True)
     superposition: bool | None = field(default=None, kw_only=True)
+    extent: Extent | None = field(default=None, kw_only=True)
     spawns: Sequence[Spawn] = field(default=(), kw_only=True)
 
     def _settings(self) -> dict[str, Any]:
@@ -304,6 +342,7 @@ class ExtendedGMPHD(_IntensityFilter):
             trees if self.superposition is None else self.superposition,
             (rate.forgetting, rate.floor) if rate.learnt else None,
             self.prune,
+            None if self.extent is None else self.extent._items(),
         )
 
 

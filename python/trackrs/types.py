@@ -461,6 +461,7 @@ class Track:
         last_hit: time of the last report given to the track, seconds.
         hits: reports given to it so far.
         existence: probability that there is a target, where the tracker keeps it (`JIPDA`), else None.
+        extent: covariance of the target's points about its centre (d, d), where the tracker learns it, else None.
     """
 
     id: int
@@ -468,6 +469,7 @@ class Track:
     last_hit: float
     hits: int
     existence: float | None = None
+    extent: FloatArray | None = None
 
     @property
     def coasting(self) -> bool:
@@ -488,6 +490,8 @@ class Tracks:
         hits: (N,) reports given to it so far.
         labels: names of the state's components.
         existences: (N,) probability that there is a target, where the tracker keeps it, else None.
+        extents: (N, d, d) covariance of the target's points about its centre in the measured coordinates, where the
+            tracker learns it, else None. A filled ellipse has whole axes of four times the roots of its eigenvalues.
         expected_targets: (S,) expected number of targets after every scan, where the tracker keeps it, else None: the
             sum of the weights of an intensity, confirmed or not.
     """
@@ -503,6 +507,7 @@ class Tracks:
     labels: tuple[str, ...]
     offsets: IntArray = field(repr=False)
     existences: FloatArray | None = None
+    extents: FloatArray | None = None
     expected_targets: FloatArray | None = None
 
     def __len__(self) -> int:
@@ -516,7 +521,8 @@ class Tracks:
     def _track(self, row: int) -> Track:
         state = GaussianState(self.means[row], self.covs[row], self.times[row])
         existence = None if self.existences is None else float(self.existences[row])
-        return Track(int(self.ids[row]), state, float(self.last_hits[row]), int(self.hits[row]), existence)
+        extent = None if self.extents is None else self.extents[row]
+        return Track(int(self.ids[row]), state, float(self.last_hits[row]), int(self.hits[row]), existence, extent)
 
     def at(self, time: float) -> list[Track]:
         """Return the tracks after the last scan at or before `time`; none before the first scan."""
@@ -538,8 +544,8 @@ class Tracks:
         """Return a tidy table as a dictionary of columns, one row per track and scan.
 
         Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, `existence` where it is kept,
-        and one `cov_a_b` per element of the covariance's lower triangle. `pandas.DataFrame(table)`,
-        `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
+        one `cov_a_b` per element of the covariance's lower triangle, and `extent_1_1`, `extent_2_1`, ... likewise where
+        extents are kept. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
         """
         rows_per_scan = np.diff(self.offsets)
         table: dict[str, NDArray[Any]] = {
@@ -554,6 +560,9 @@ class Tracks:
         for i, a in enumerate(self.labels):
             for j, b in enumerate(self.labels[: i + 1]):
                 table[f"cov_{a}_{b}"] = self.covs[:, i, j]
+        if self.extents is not None:
+            for i, j in zip(*np.tril_indices(self.extents.shape[1]), strict=True):
+                table[f"extent_{i + 1}_{j + 1}"] = self.extents[:, i, j]
         return table
 
 

@@ -104,12 +104,10 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
         for name in ("scan_times", "times", "ids", "means", "covs", "last_hits", "hits")
     }
     arrays["offsets"] = np.append(np.concatenate(offsets), rows[-1])
-    existences = [part.existences for part in parts if part.existences is not None]
-    if len(existences) == len(parts):
-        arrays["existences"] = np.concatenate(existences)
-    expected = [part.expected_targets for part in parts if part.expected_targets is not None]
-    if len(expected) == len(parts):
-        arrays["expected_targets"] = np.concatenate(expected)
+    for name in ("existences", "expected_targets", "extents"):
+        kept = [getattr(part, name) for part in parts]
+        if all(value is not None for value in kept):
+            arrays[name] = np.concatenate(kept)
     for value in arrays.values():
         value.setflags(write=False)
     return Tracks(sensors=tuple(name for part in parts for name in part.sensors), labels=parts[0].labels, **arrays)

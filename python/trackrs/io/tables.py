@@ -208,6 +208,10 @@ def read_tracks(path: str | Path, scans: ScanTable | None = None) -> Tracks:
     for i, a in enumerate(labels):
         for j, b in enumerate(labels[: i + 1]):
             covs[:, i, j] = covs[:, j, i] = table.numbers(f"cov_{a}_{b}")[order]
+    size = sum(f"extent_{i}_{i}" in names for i in (1, 2, 3))
+    extents = np.zeros((len(times), size, size))
+    for i, j in zip(*np.tril_indices(size), strict=True):
+        extents[:, i, j] = extents[:, j, i] = table.numbers(f"extent_{i + 1}_{j + 1}")[order]
     means = np.stack([table.numbers(label) for label in labels], axis=1)[order]
     return Tracks(
         scan_times=scans.times,
@@ -221,6 +225,7 @@ def read_tracks(path: str | Path, scans: ScanTable | None = None) -> Tracks:
         labels=labels,
         offsets=frozen(np.searchsorted(scan_of_row[order], np.arange(len(scans) + 1)).astype(np.int64)),
         existences=frozen(table.numbers("existence")[order]) if "existence" in names else None,
+        extents=frozen(extents) if size else None,
     )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trackrs.errors import ParameterError
 from trackrs.plot._figure import COLOURS, TRUTH_COLOUR, draw_ellipses, new_figure, tidy
 from trackrs.sensor import PositionSensor, RangeBearing
 
@@ -61,6 +62,7 @@ def plot_tracks(
     truth: Sequence[Truth] = (),
     own_ship: ArrayLike | None = None,
     region: float | None = None,
+    extents: bool = False,
     title: str = "",
     labels: Sequence[str] = ("x (m)", "y (m)"),
     swap_axes: bool = False,
@@ -74,6 +76,7 @@ def plot_tracks(
         truth: where the targets really were.
         own_ship: (S, 2) path of the platform.
         region: radius around the platform, metres: the picture shows what lies within it.
+        extents: the ellipses are the targets' extents, which the tracks must have, not the uncertainty of their place.
         title: of the picture.
         labels: of the first and second component of the state.
         swap_axes: draw the first component upwards and the second to the right, as suits north and east.
@@ -84,7 +87,12 @@ def plot_tracks(
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
+        ParameterError: `extents` of tracks that have none.
     """
+    if extents and tracks.extents is None:
+        msg = "extents: these tracks have none"
+        raise ParameterError(msg)
+    shapes = tracks.extents if extents and tracks.extents is not None else tracks.covs
     own = ax is None
     ax = new_figure().add_subplot() if ax is None else ax
     right, up = (1, 0) if swap_axes else (0, 1)
@@ -102,7 +110,7 @@ def plot_tracks(
         else:
             ax.scatter(xy[:, right], xy[:, up], 12, marker=marker, color=colour, label=name, **style)
     for colour, number in zip(cycle(COLOURS), np.unique(tracks.ids), strict=False):
-        _draw_track(ax, tracks, np.flatnonzero(tracks.ids == number), colour, right, up)
+        _draw_track(ax, tracks, shapes, np.flatnonzero(tracks.ids == number), colour, right, up)
     for k, target in enumerate(truth):
         x, y = target.positions[:, right], target.positions[:, up]
         ax.plot(x, y, "--", color=TRUTH_COLOUR, linewidth=1.0, zorder=4, label="" if k else "truth (dot: its start)")
@@ -124,12 +132,12 @@ def plot_tracks(
     return figure  # type: ignore[no-any-return]
 
 
-def _draw_track(ax: Axes, tracks: Tracks, rows: IntArray, colour: str, right: int, up: int) -> None:
+def _draw_track(ax: Axes, tracks: Tracks, shapes: FloatArray, rows: IntArray, colour: str, right: int, up: int) -> None:
     """Line, ellipses that do not overlap, and the id where the track ends."""
     from matplotlib.patheffects import withStroke  # noqa: PLC0415
 
     xy = tracks.means[rows][:, [right, up]]
-    covs = tracks.covs[rows][:, [right, up]][:, :, [right, up]]
+    covs = shapes[rows][:, [right, up]][:, :, [right, up]]
     ax.plot(xy[:, 0], xy[:, 1], color=colour, linewidth=1.6, zorder=5)
     draw_ellipses(ax, xy, covs, colour, spacing=0.035 * float(np.ptp(ax.get_xlim())))
     heading = xy[-1] - xy[max(len(xy) - 5, 0)]

@@ -45,6 +45,7 @@ pub(crate) struct Gospa {
 }
 
 #[pyfunction]
+#[pyo3(signature = (truth, estimates, cutoff, order, alpha, extents = None))]
 pub(crate) fn gospa(
     py: Python<'_>,
     truth: PyReadonlyArray2<'_, f64>,
@@ -52,9 +53,18 @@ pub(crate) fn gospa(
     cutoff: f64,
     order: f64,
     alpha: f64,
+    extents: Option<(PyReadonlyArray3<'_, f64>, PyReadonlyArray3<'_, f64>)>,
 ) -> PyResult<Gospa> {
     let (x, y) = (array::matrix(&truth, "truth")?, array::matrix(&estimates, "estimates")?);
-    let out = compute(py, || gospa_::gospa(&x, &y, cutoff, order, alpha))?;
+    let covs = |covs: &PyReadonlyArray3<'_, f64>| array::matrices(covs, "extents");
+    let extents = extents
+        .map(|(of_x, of_y)| Ok::<_, PyErr>([covs(&of_x)?, covs(&of_y)?]))
+        .transpose()?;
+    let of = |centres, extents| gospa_::Ellipses { centres, extents };
+    let out = compute(py, || match &extents {
+        None => gospa_::gospa(&x, &y, cutoff, order, alpha),
+        Some([of_x, of_y]) => gospa_::gospa_of_extents(of(&x, of_x), of(&y, of_y), cutoff, order, alpha),
+    })?;
     Ok(Gospa {
         total: out.total,
         localisation: out.localisation,
@@ -240,6 +250,7 @@ pub(crate) fn evaluate<'py>(
                 last_hit: time,
                 hits: 0,
                 existence: None,
+                extent: None,
             })
             .collect(),
         centre: centres.as_ref().map(|c: &Vec<DVector<f64>>| c[k].clone()),

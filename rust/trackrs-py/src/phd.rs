@@ -10,6 +10,7 @@ use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
 use trackrs::rfs::cphd::CphdUpdate;
 use trackrs::rfs::extended_gm_phd::ExtendedUpdate;
+use trackrs::rfs::extent::ExtentModel;
 use trackrs::rfs::gm_phd::PointUpdate;
 use trackrs::rfs::mixture::Reduction;
 use trackrs::rfs::prediction::{Birth, Fate, Spawn};
@@ -21,7 +22,9 @@ use crate::array;
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
 use crate::partition::{OutlierFilter, Partitioner};
-use crate::scans::{Columns, EventRecord, LedgerRecord, ScanArrays, counts, each, lock, recent, to_columns, to_scan};
+use crate::scans::{
+    Columns, EventRecord, LedgerRecord, ScanArrays, counts, each, extents, lock, recent, to_columns, to_scan,
+};
 use crate::tracker::{filter, small};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
@@ -43,6 +46,7 @@ pub(crate) struct MixtureColumns<'py> {
     means: Bound<'py, PyArray2<f64>>,
     covs: Bound<'py, PyArray3<f64>>,
     detection_rates: Bound<'py, PyArray1<f64>>,
+    extents: Option<Bound<'py, PyArray3<f64>>>,
 }
 
 #[derive(FromPyObject)]
@@ -95,6 +99,8 @@ pub(crate) struct PhdSettings<'py> {
     strict: bool,
 }
 
+type ExtentItems<'py> = (PyReadonlyArray2<'py, f64>, f64, f64);
+
 /// What a scan does to a mixture.
 #[pyclass(frozen)]
 pub(crate) struct IntensityUpdate {
@@ -110,7 +116,7 @@ fn point_update(gate: f64, prune: f64) -> trackrs::Result<PointUpdate> {
 
 #[pymethods]
 impl IntensityUpdate {
-    /// `learnt`: forgetting and floor of rates.
+    /// `learnt`: forgetting and floor of rates. `extent`: prior covariance, its certainty and time constant.
     #[staticmethod]
     fn extended(
         partition: &Partitioner,
@@ -118,8 +124,14 @@ impl IntensityUpdate {
         superposition: bool,
         learnt: Option<(f64, f64)>,
         prune: f64,
-    ) -> Self {
-        Self {
+        extent: Option<ExtentItems<'_>>,
+    ) -> PyResult<Self> {
+        let model = |(cov, certainty, time_constant): ExtentItems<'_>| {
+            let cov = array::matrix(&cov, "extent")?;
+            let prior = trackrs::Extent { cov, certainty };
+            Ok::<_, PyErr>(ExtentModel { prior, time_constant })
+        };
+        Ok(Self {
             core: config::IntensityUpdate::Extended(ExtendedUpdate {
                 rates: learnt.map_or(RateModel::Known, |(forgetting, floor)| RateModel::Learnt {
                     forgetting,
@@ -129,8 +141,9 @@ impl IntensityUpdate {
                 clutter_filter: clutter_filter.map(|filter| filter.core.clone()),
                 superposition,
                 prune,
+                extent: extent.map(model).transpose()?,
             }),
-        }
+        })
     }
 
     #[staticmethod]
@@ -314,6 +327,7 @@ impl IntensityTracker {
             means: array::from_rows(py, mixture.iter().map(|c| &c.state.mean), n)?,
             covs: array::from_symmetric(py, mixture.iter().map(|c| &c.state.cov), n)?,
             detection_rates: PyArray1::from_iter(py, mixture.iter().map(|c| c.rate.mean())),
+            extents: extents(py, tracker.extent_dims(), mixture.iter().map(|c| c.extent.as_ref()))?,
         })
     }
 
@@ -347,7 +361,13 @@ fn columns<'py>(
     expected: &[f64],
 ) -> PyResult<IntensityColumns<'py>> {
     Ok(IntensityColumns {
-        tracks: to_columns(py, tracker.config().motion.state_dim(), true, tracks)?,
+        tracks: to_columns(
+            py,
+            tracker.config().motion.state_dim(),
+            true,
+            tracker.extent_dims(),
+            tracks,
+        )?,
         expected_targets: PyArray1::from_slice(py, expected),
     })
 }

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::event::{Event, EventLog, Ledger};
-use trackrs::{Scan, Track};
+use trackrs::{Extent, Scan, Track};
 
 use crate::array;
 use crate::error::{compute, exception};
@@ -27,6 +27,7 @@ pub(crate) struct Columns<'py> {
     last_hits: Bound<'py, PyArray1<f64>>,
     hits: Bound<'py, PyArray1<u64>>,
     existences: Option<Bound<'py, PyArray1<f64>>>,
+    extents: Option<Bound<'py, PyArray3<f64>>>,
 }
 
 /// A scan of the facade.
@@ -148,11 +149,23 @@ pub(crate) fn to_scan(scan: &ScanArrays<'_>) -> PyResult<Scan> {
     })
 }
 
-/// The tracks of scans in columns; `n` is the length of a state.
+/// The extents of some targets, where extents of so many dimensions are learnt.
+pub(crate) fn extents<'py, 'a>(
+    py: Python<'py>,
+    dims: Option<usize>,
+    all: impl Iterator<Item = Option<&'a Extent>>,
+) -> PyResult<Option<Bound<'py, PyArray3<f64>>>> {
+    let Some(d) = dims else { return Ok(None) };
+    let covs: Vec<&DMatrix<f64>> = all.flatten().map(|extent| &extent.cov).collect();
+    array::from_symmetric(py, covs.into_iter(), d).map(Some)
+}
+
+/// The tracks of scans in columns; `n` is the length of a state, `dims` that of an extent.
 pub(crate) fn to_columns<'py>(
     py: Python<'py>,
     n: usize,
     existence: bool,
+    dims: Option<usize>,
     scans: &[Vec<Track>],
 ) -> PyResult<Columns<'py>> {
     let all: Vec<&Track> = scans.iter().flatten().collect();
@@ -168,6 +181,7 @@ pub(crate) fn to_columns<'py>(
         covs: array::from_symmetric(py, all.iter().map(|t| &t.state.cov), n)?,
         last_hits: PyArray1::from_iter(py, all.iter().map(|t| t.last_hit)),
         hits: PyArray1::from_iter(py, all.iter().map(|t| t.hits)),
+        extents: extents(py, dims, all.iter().map(|t| t.extent.as_ref()))?,
         existences: existence.then(|| PyArray1::from_iter(py, all.iter().map(|t| t.existence.unwrap_or(1.0)))),
     })
 }

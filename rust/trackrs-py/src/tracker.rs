@@ -236,5 +236,5 @@ impl Tracker {
 
 fn columns<'py>(py: Python<'py>, config: &TrackerConfig, scans: &[Vec<Track>]) -> PyResult<Columns<'py>> {
     let existence = matches!(config.initiator, Initiator::Existence(_));
-    to_columns(py, config.motion.state_dim(), existence, scans)
+    to_columns(py, config.motion.state_dim(), existence, None, scans)
 }

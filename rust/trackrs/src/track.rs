@@ -1,8 +1,11 @@
 //! A track as it is reported: one estimate of one target at one time.
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
+use crate::error::{Result, require_positive, require_size};
 use crate::gaussian::Gaussian;
+use crate::linalg::cholesky::Cholesky;
 
 /// A confirmed track at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,4 +23,26 @@ pub struct Track {
     /// Probability that there is a target, where the tracker keeps it.
     #[serde(default)]
     pub existence: Option<f64>,
+    /// How large the target is, where the tracker learns it.
+    #[serde(default)]
+    pub extent: Option<Extent>,
+}
+
+/// An ellipse, more or less certain: X ~ IW(v, V) with v = κ + 2 d + 2, V = κ X̂.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Extent {
+    /// X̂, d×d; the ellipse of a filled target in the plane has whole axes 4 √λ, with the eigenvalues λ.
+    #[serde(with = "crate::linalg::saved::matrix")]
+    pub cov: DMatrix<f64>,
+    /// κ = v − 2 d − 2: worth so many measurements without noise.
+    pub certainty: f64,
+}
+
+impl Extent {
+    /// `Ok` if it is one, in d dimensions.
+    pub(crate) fn check(&self, d: usize) -> Result<()> {
+        require_positive("extent certainty", self.certainty)?;
+        require_size("extent", d, self.cov.nrows())?;
+        Cholesky::new(&self.cov, "extent").map(|_| ())
+    }
 }

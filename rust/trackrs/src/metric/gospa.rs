@@ -15,12 +15,16 @@
 //!
 //! Reference: A. S. Rahmathullah, A. F. Garcia-Fernandez, L. Svensson, *Generalized optimal sub-pattern assignment
 //! metric*, Fusion 2017, Definition 1 for (1) and Proposition 1 for (3). The reference gives parts for α = 2 only.
+//! Ellipses: Yang, Baum, Granström (2016), Metrics for performance evaluation of elliptic extended object tracking methods,
+//! MFI (Gaussian-Wasserstein distance).
 
 use nalgebra::DMatrix;
 
 use super::ospa::{cutoff_power, distances, power, root};
 use crate::association::assignment::assign;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require_size};
+use crate::linalg::cholesky::Cholesky;
+use crate::linalg::symmetric::{symmetric_eigen, symmetrise};
 
 /// A target and an estimate that belong together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,12 +58,62 @@ pub struct Gospa {
 
 /// The GOSPA distance of the estimates from the truth, given as rows; either may be empty.
 pub fn gospa(truth: &DMatrix<f64>, estimates: &DMatrix<f64>, cutoff: f64, order: f64, alpha: f64) -> Result<Gospa> {
+    score(
+        &distances(truth, estimates)?,
+        [truth.nrows(), estimates.nrows()],
+        cutoff,
+        order,
+        alpha,
+    )
+}
+
+/// The same between ellipses: d² is the squared distance of the centres and that of the extents,
+/// `tr (X + Y − 2 (X^½ Y X^½)^½)`, one extent per row, positive definite.
+pub fn gospa_of_extents(
+    truth: Ellipses<'_>,
+    estimates: Ellipses<'_>,
+    cutoff: f64,
+    order: f64,
+    alpha: f64,
+) -> Result<Gospa> {
+    let mut apart = distances(truth.centres, estimates.centres)?;
+    let (m, n) = (truth.centres.nrows(), estimates.centres.nrows());
+    require_size("extents of the truth", m, truth.extents.len())?;
+    require_size("extents of the estimates", n, estimates.extents.len())?;
+    for (i, x) in truth.extents.iter().enumerate() {
+        for (j, y) in estimates.extents.iter().enumerate() {
+            let d = &mut apart[i * n + j];
+            *d = (*d * *d + wasserstein_squared(x, y)?).sqrt();
+        }
+    }
+    score(&apart, [m, n], cutoff, order, alpha)
+}
+
+/// Centres as rows, and a covariance for each.
+#[derive(Debug, Clone, Copy)]
+pub struct Ellipses<'a> {
+    /// k×d.
+    pub centres: &'a DMatrix<f64>,
+    /// k matrices.
+    pub extents: &'a [DMatrix<f64>],
+}
+
+/// `tr (X + Y − 2 (X^½ Y X^½)^½)`: the eigenvalues under the root are those of Lᵀ Y L, X = L Lᵀ.
+fn wasserstein_squared(x: &DMatrix<f64>, y: &DMatrix<f64>) -> Result<f64> {
+    require_size("extent", x.nrows(), y.nrows())?;
+    Cholesky::new(y, "extent")?;
+    let factor = Cholesky::new(x, "extent")?;
+    let mut inner = factor.lower().transpose() * y * factor.lower();
+    symmetrise(&mut inner);
+    let roots: f64 = symmetric_eigen(&inner)?.values.iter().map(|v| v.max(0.0).sqrt()).sum();
+    Ok((x.trace() + y.trace() - 2.0 * roots).max(0.0))
+}
+
+fn score(distances: &[f64], [m, n]: [usize; 2], cutoff: f64, order: f64, alpha: f64) -> Result<Gospa> {
     let full = cutoff_power(cutoff, order)?;
     if !(alpha > 0.0 && alpha <= 2.0) {
         return Err(Error::invalid("alpha", alpha, "must be above 0 and at most 2"));
     }
-    let distances = distances(truth, estimates)?;
-    let (m, n) = (truth.nrows(), estimates.nrows());
     let costs: Vec<f64> = distances.iter().map(|d| power(d.min(cutoff), order)).collect();
     let matched = assign(&costs, m, n)?.row_to_column;
     let mut out = Gospa::default();
@@ -120,6 +174,29 @@ mod tests {
         assert_eq!((score.localisation, score.missed, score.false_tracks), (1.0, 20.0, 0.0));
         assert!(gospa(&truth, &estimates, 10.0, 1.0, 0.0).is_err());
         assert!(gospa(&truth, &estimates, 10.0, 1.0, 2.5).is_err());
+    }
+
+    /// Ellipses of the same axes: the distance is that of the roots of the eigenvalues.
+    #[test]
+    fn ellipses_differ_in_place_and_size() {
+        let (x, y) = (
+            DMatrix::from_row_slice(1, 2, &[0.0, 0.0]),
+            DMatrix::from_row_slice(1, 2, &[3.0, 0.0]),
+        );
+        let turn = DMatrix::from_row_slice(2, 2, &[0.8, -0.6, 0.6, 0.8]);
+        let ellipse =
+            |a: f64, b: f64| &turn * DMatrix::from_row_slice(2, 2, &[a * a, 0.0, 0.0, b * b]) * turn.transpose();
+        let (large, small) = ([ellipse(20.0, 7.0)], [ellipse(16.0, 7.0)]);
+        let of = |centres, extents| Ellipses { centres, extents };
+        let both = gospa_of_extents(of(&x, &large), of(&y, &small), 60.0, 2.0, 2.0).unwrap();
+        assert!((both.total - 5.0).abs() < 1e-9, "{}", both.total);
+        let back = gospa_of_extents(of(&y, &small), of(&x, &large), 60.0, 2.0, 2.0).unwrap();
+        assert!((both.total - back.total).abs() < 1e-9);
+        let same = gospa_of_extents(of(&x, &large), of(&y, &large), 60.0, 2.0, 2.0).unwrap();
+        assert!((same.total - gospa(&x, &y, 60.0, 2.0, 2.0).unwrap().total).abs() < 1e-6);
+        assert!(gospa_of_extents(of(&x, &[]), of(&y, &small), 60.0, 2.0, 2.0).is_err());
+        let flat = [DMatrix::zeros(2, 2)];
+        assert!(gospa_of_extents(of(&x, &large), of(&y, &flat), 60.0, 2.0, 2.0).is_err());
     }
 
     #[test]

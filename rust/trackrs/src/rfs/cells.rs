@@ -4,10 +4,11 @@
 //! |----------|-------------|-------|-------------------------------------------------------------------|
 //! | |W|      | `sizes`     |       | measurements in a cell                                            |
 //! | z̄        | `means`     | m     | their mean                                                        |
-//! | t        | `scatters`  |       | tr(R⁻¹ S_W), S_W = Σ (z − z̄)(z − z̄)ᵀ                              |
+//! | t        | `scatters`  |       | tr(R⁻¹ S_W)                                                       |
+//! | S_W      | `matrices`  | m×m   | Σ (z − z̄)(z − z̄)ᵀ, where targets have extents                     |
 //!
 //! Two cells A and B into one, of whatever size, in O(1):
-//! z̄ = (n_A z̄_A + n_B z̄_B) / n,  t = t_A + t_B + n_A n_B / n |L⁻¹ (z̄_A − z̄_B)|².
+//! z̄ = (n_A z̄_A + n_B z̄_B) / n,  t = t_A + t_B + n_A n_B / n |L⁻¹ (z̄_A − z̄_B)|²,  S likewise with (z̄_A − z̄_B)(z̄_A − z̄_B)ᵀ.
 //! Cells are told apart by the sum of 128-bit numbers that belong to their measurements: two different ones agree with
 //! probability 10⁻³⁸.
 //!
@@ -26,6 +27,7 @@ pub(crate) struct Cells {
     means: Vec<f64>,
     whitened: Vec<f64>,
     pub(crate) scatters: Vec<f64>,
+    matrices: Option<Vec<f64>>,
     keys: Vec<u128>,
     known: HashMap<u128, usize>,
 }
@@ -72,9 +74,24 @@ impl Cells {
             means: z.to_vec(),
             whitened,
             scatters: vec![0.0; count],
+            matrices: None,
             known: keys.iter().enumerate().map(|(i, &key)| (key, i)).collect(),
             keys,
         }
+    }
+
+    /// The same with the scatter of every cell as a matrix.
+    pub(crate) fn with_matrices(mut self) -> Self {
+        self.matrices = Some(vec![0.0; self.len() * self.dims * self.dims]);
+        self
+    }
+
+    /// S_W, m×m; empty without matrices.
+    pub(crate) fn matrix(&self, cell: usize) -> &[f64] {
+        let size = self.dims * self.dims;
+        self.matrices
+            .as_ref()
+            .map_or(&[], |all| &all[cell * size..(cell + 1) * size])
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -107,6 +124,17 @@ impl Cells {
         self.sizes.push(self.sizes[a] + self.sizes[b]);
         self.scatters
             .push(self.scatters[a] + self.scatters[b] + size_a * size_b / total * apart);
+        if let Some(matrices) = &mut self.matrices {
+            let m = self.dims;
+            let [first, second] = [a, b].map(|c| &self.means[c * m..(c + 1) * m]);
+            for i in 0..m {
+                for j in 0..m {
+                    let [both, at] = [a, b].map(|c| matrices[c * m * m + i * m + j]);
+                    let off = size_a * size_b / total * (first[i] - second[i]) * (first[j] - second[j]);
+                    matrices.push(both + at + off);
+                }
+            }
+        }
         self.keys.push(key);
         self.known.insert(key, cell);
         cell

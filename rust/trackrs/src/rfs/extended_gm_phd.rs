@@ -14,7 +14,7 @@
 //! 1. The measurements fall into blocks: one for every group of targets that share gated measurements, and the rest
 //!    (`group.rs`). Without `superposition` all are one block.
 //! 2. The partitions of a block, or trees whose cuts are all summed over; every distinct cell once.
-//! 3. ln L_Wj in O(1) of |W| (`view.rs`), d_W, q_W.
+//! 3. ln L_Wj in O(1) of |W| (`view.rs`, and `spread.rs` where extents are learnt), d_W, q_W.
 //! 4. In a block with two targets and more the hypotheses that its measurements are the superposition of several of them
 //!    compete with the partitions; what these give is scaled by what is left to them.
 //! 5. Components: missed (1 − p_D + p_D p(0)) w_j;  detected q_W L_Wj / d_W, updated by the cell's mean;  and those of step 4.
@@ -29,11 +29,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::cells::{Cells, Divisions};
-use super::group::{Block, Member, Superposition, TRACKED, Verdict, blocks};
+use super::extent::ExtentModel;
+use super::group::{Block, Found, Member, Superposition, TRACKED, Verdict, blocks};
 use super::mixture::Component;
 use super::rate::RateModel;
+use super::spread::Seen;
 use super::sums::{log_add, log_sum};
-use super::view::{Noise, View};
+use super::view::Noise;
 use super::{Sight, Updated};
 use crate::error::{Error, Result};
 use crate::model::Sensor;
@@ -56,6 +58,9 @@ pub struct ExtendedUpdate {
     pub superposition: bool,
     /// New components of this weight and below are not made.
     pub prune: f64,
+    /// How extents are learnt; none: the sensor's noise is that of measurements about the target's centre.
+    #[serde(default)]
+    pub extent: Option<ExtentModel>,
 }
 
 /// Everything that a block needs of the scan.
@@ -65,7 +70,7 @@ struct Scene<'a> {
     noise: Noise,
     log_clutter: f64,
     mixture: &'a [Component],
-    views: Vec<View>,
+    seen: Vec<Seen>,
     log_counts: Vec<Vec<f64>>,
 }
 
@@ -75,6 +80,7 @@ impl ExtendedUpdate {
         if sensor.rotation().is_some() {
             return Err(Error::invalid("sensor", "a pose", "cannot give cells of measurements"));
         }
+        self.extent.as_ref().map_or(Ok(()), |extent| extent.check(sensor))?;
         self.rates.check()?;
         // Partitions check their parameters before they look at points.
         let none = Points::whitened(&[], sensor.measurement_dim(), &sensor.noise())?;
@@ -90,8 +96,7 @@ impl ExtendedUpdate {
         let mut views = Vec::with_capacity(mixture.len());
         let (mut seen, mut components) = (Vec::with_capacity(mixture.len()), mixture.to_vec());
         for component in &mut components {
-            let view = View::new(&component.state, sight.sensor, sight.platform, sight.rule, &noise);
-            if let Ok(view) = view {
+            if let Ok(view) = Seen::new(component, sight, &noise, z.len() / m) {
                 views.push(view);
                 seen.push(component.clone());
                 component.weight *= 1.0 - sight.detection_probability * (1.0 - self.rates.silent(component.rate));
@@ -121,7 +126,7 @@ impl<'a> Scene<'a> {
     fn new(
         update: &'a ExtendedUpdate,
         mixture: &'a [Component],
-        views: Vec<View>,
+        seen: Vec<Seen>,
         noise: Noise,
         sight: &'a Sight<'a>,
         count: usize,
@@ -131,7 +136,7 @@ impl<'a> Scene<'a> {
             sight,
             log_clutter: libm::log(sight.clutter_density),
             mixture,
-            views,
+            seen,
             log_counts: mixture.iter().map(|c| update.rates.log_counts(c.rate, count)).collect(),
             noise,
         }
@@ -146,7 +151,7 @@ impl<'a> Scene<'a> {
         let m = self.dims();
         let (mut scratch, mut out) = (vec![0.0; m], vec![0.0; z.len()]);
         for (z, y) in z.chunks_exact(m).zip(out.chunks_exact_mut(m)) {
-            self.views[component].offset(self.sight.sensor, z, &mut scratch, y);
+            self.seen[component].view.offset(self.sight.sensor, z, &mut scratch, y);
         }
         out
     }
@@ -163,7 +168,7 @@ impl<'a> Scene<'a> {
         let mut gated = Vec::with_capacity(tracked.len());
         for &j in &tracked {
             let offsets = self.offsets(j, z);
-            let inside = |&i: &usize| self.views[j].distance_squared(&offsets[i * m..(i + 1) * m]) <= gate;
+            let inside = |&i: &usize| self.seen[j].view.distance_squared(&offsets[i * m..(i + 1) * m]) <= gate;
             gated.push((0..count).filter(inside).collect());
         }
         Ok(blocks(count, &tracked, &gated))
@@ -171,8 +176,13 @@ impl<'a> Scene<'a> {
 
     /// Adds the components that a block's measurements make.
     fn resolve(&self, block: &Block, z: &[f64], out: &mut Vec<Component>) -> Result<()> {
-        let points = Points::whitened(z, self.dims(), self.noise.cov())?;
         let mut cells = Cells::singles(z, &self.noise);
+        let mut spread = self.noise.cov().clone();
+        if let Some(extent) = &self.update.extent {
+            cells = cells.with_matrices();
+            spread += &extent.prior.cov;
+        }
+        let points = Points::whitened(z, self.dims(), &spread)?;
         let divisions = match (&self.update.partition, &self.update.clutter_filter) {
             (PartitionModel::Tree(tree), None) => cells.cuts(tree.trees(&points)?),
             (partition, filter) => {
@@ -202,7 +212,7 @@ impl<'a> Scene<'a> {
             for j in 0..components {
                 let weight = libm::exp(log_share + likelihoods[cell * components + j]);
                 if weight > self.update.prune {
-                    out.push(self.detected(j, cells.mean(cell), cells.sizes[cell], weight));
+                    out.push(self.detected(j, cells, cell, weight));
                 }
             }
         }
@@ -234,26 +244,30 @@ impl<'a> Scene<'a> {
             let size = cells.sizes[cell];
             let n = size as f64;
             let common = -0.5 * (n * self.noise.log_volume + cells.scatters[cell]);
-            for ((view, counts), prior) in self.views.iter().zip(&self.log_counts).zip(&priors) {
-                view.offset(self.sight.sensor, cells.mean(cell), &mut scratch, &mut y);
-                out.push(prior + counts[size] + common + view.log_density(&y, n));
+            for ((seen, counts), prior) in self.seen.iter().zip(&self.log_counts).zip(&priors) {
+                seen.view
+                    .offset(self.sight.sensor, cells.mean(cell), &mut scratch, &mut y);
+                let scatter = seen.log_scatter(size, cells.matrix(cell)).unwrap_or(common);
+                out.push(prior + counts[size] + scatter + seen.view.log_density(&y, n));
             }
         }
         out
     }
 
     /// Component j updated by a cell.
-    fn detected(&self, j: usize, mean: &[f64], size: usize, weight: f64) -> Component {
-        let y = self.offsets(j, mean);
-        self.updated(j, &y, size as f64, weight)
+    fn detected(&self, j: usize, cells: &Cells, cell: usize, weight: f64) -> Component {
+        let y = self.offsets(j, cells.mean(cell));
+        self.updated(j, &y, cells.sizes[cell] as f64, cells.matrix(cell), weight)
     }
 
-    fn updated(&self, j: usize, y: &[f64], count: f64, weight: f64) -> Component {
-        let component = &self.mixture[j];
+    fn updated(&self, j: usize, y: &[f64], count: f64, scatter: &[f64], weight: f64) -> Component {
+        let (component, seen) = (&self.mixture[j], &self.seen[j]);
+        let extent = component.extent.as_ref();
         Component {
             weight,
-            state: self.views[j].posterior(&component.state, y, count),
+            state: seen.view.posterior(&component.state, y, count),
             rate: self.update.rates.detected(component.rate, count),
+            extent: extent.map(|extent| seen.extent_after(extent, count, scatter)),
             label: component.label,
         }
     }
@@ -261,9 +275,11 @@ impl<'a> Scene<'a> {
     fn members(&self, components: &[usize], z: &[f64]) -> Vec<Member<'_>> {
         let member = |&j: &usize| Member {
             offsets: self.offsets(j, z),
-            spread: &self.views[j].spread,
+            spread: &self.seen[j].view.spread,
             rate: self.mixture[j].rate.mean(),
             existence: Member::existence(self.mixture[j].weight),
+            log_volume: self.seen[j].view.log_volume,
+            scattered: self.seen[j].spread.is_some(),
         };
         components.iter().map(member).collect()
     }
@@ -271,11 +287,11 @@ impl<'a> Scene<'a> {
     fn verdict(&self, components: &[usize], z: &[f64], log_evidence: f64) -> Verdict {
         let model = Superposition {
             log_clutter: self.log_clutter,
-            log_volume: self.noise.log_volume,
             detection_probability: self.sight.detection_probability,
             dims: self.dims(),
         };
-        model.weigh(&self.members(components, z), log_evidence)
+        let worth = |member: usize, found: &Found| self.seen[components[member]].worth(found);
+        model.weigh(&self.members(components, z), log_evidence, &worth)
     }
 
     /// Adds the components of the hypotheses of a group; what is left to the partitions is returned as its logarithm.
@@ -290,7 +306,8 @@ impl<'a> Scene<'a> {
             for (&j, detected) in block.members.iter().zip(&hypothesis.detected) {
                 match detected.then(|| found.next()).flatten() {
                     Some(found) if found.count > 0.0 => {
-                        out.push(self.updated(j, &found.mean, found.count, weight));
+                        let scatter = self.seen[j].scatter(found);
+                        out.push(self.updated(j, &found.mean, found.count, &scatter, weight));
                     }
                     Some(_) => {}
                     None => {

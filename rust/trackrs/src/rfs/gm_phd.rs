@@ -171,6 +171,7 @@ impl PointUpdate {
                         .prediction
                         .posterior_using(&prior.state, innovation, &mut scratch),
                     rate: prior.rate,
+                    extent: None,
                     label: prior.label,
                 });
             }

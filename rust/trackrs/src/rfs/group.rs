@@ -20,6 +20,7 @@
 //!   KL = ½ Σ [1 / (n λ + 1) + μ² / λ − 1 + ln(n λ + 1)],  μ² / λ = λ (n ȳ / (n λ + 1))²
 //!   ln h(S) = E(S) + Σ_S ln(r_j p_D) + Σ_{J∖S} ln(1 − r_j p_D)
 //! S runs over all subsets but the empty one where J has at most four members, else over J and J without one.
+//! Members with an extent have their own R, and the scatter of their measurements is weighed by `extent.rs`.
 //! They compete with the partitions, whose evidence is Z Π_J (1 − r_j p_D).
 //!
 //! Reference: extended-target spec 8.3, here without its division by κ^n, so that κ may be 0.
@@ -84,6 +85,10 @@ pub(crate) struct Member<'a> {
     pub(crate) rate: f64,
     /// r.
     pub(crate) existence: f64,
+    /// m ln 2π + ln |R|, or of what this member has in place of R.
+    pub(crate) log_volume: f64,
+    /// Whether the scatter of its measurements is wanted.
+    pub(crate) scattered: bool,
 }
 
 impl Member<'_> {
@@ -109,7 +114,12 @@ pub(crate) struct Found {
     pub(crate) count: f64,
     /// ȳ.
     pub(crate) mean: Vec<f64>,
+    /// Σ ρ (y − ȳ)(y − ȳ)ᵀ, m×m, where it is wanted.
+    pub(crate) scatter: Vec<f64>,
 }
+
+/// What else a detected member's measurements are worth, given its place among the members: a logarithm.
+pub(crate) type Worth<'a> = &'a dyn Fn(usize, &Found) -> f64;
 
 /// Members that are all detected.
 pub(crate) struct MeanField {
@@ -123,8 +133,6 @@ pub(crate) struct MeanField {
 pub(crate) struct Superposition {
     /// ln κ, −∞ without clutter.
     pub(crate) log_clutter: f64,
-    /// m ln 2π + ln |R|.
-    pub(crate) log_volume: f64,
     /// p_D.
     pub(crate) detection_probability: f64,
     /// m.
@@ -139,7 +147,7 @@ pub(crate) struct Verdict {
 
 impl Superposition {
     /// Weighs the hypotheses of a group of at least two members against the partitions of their measurements.
-    pub(crate) fn weigh(&self, members: &[Member<'_>], log_evidence: f64) -> Verdict {
+    pub(crate) fn weigh(&self, members: &[Member<'_>], log_evidence: f64, worth: Worth<'_>) -> Verdict {
         let missed = |member: &Member<'_>| libm::log1p(-member.existence * self.detection_probability);
         let mut hypotheses = Vec::new();
         for detected in subsets(members.len()) {
@@ -157,7 +165,11 @@ impl Superposition {
                     missed(member)
                 }
             };
-            let log_weight = bound + members.iter().zip(&detected).map(outcome).sum::<f64>();
+            let mut log_weight = bound + members.iter().zip(&detected).map(outcome).sum::<f64>();
+            let who = (0..members.len()).filter(|&j| detected[j] && members[j].scattered);
+            for (j, found) in who.zip(&found) {
+                log_weight += worth(j, found);
+            }
             hypotheses.push(Hypothesis {
                 detected,
                 log_weight,
@@ -191,14 +203,16 @@ impl Superposition {
         let log_rates: Vec<f64> = members.iter().map(|member| libm::log(member.rate)).collect();
         let measurements = members.first().map_or(0, |member| member.offsets.len() / m.max(1));
         let mut logs = vec![0.0; k];
+        let scattered = members.iter().any(|member| member.scattered);
         let mut found: Vec<Found> = Vec::new();
         let mut evidence = 0.0;
         for iteration in 0..=ITERATIONS {
             let constants: Vec<f64> = (0..k)
-                .map(|j| log_rates[j] - 0.5 * (self.log_volume + variance[j].iter().sum::<f64>()))
+                .map(|j| log_rates[j] - 0.5 * (members[j].log_volume + variance[j].iter().sum::<f64>()))
                 .collect();
             let mut counts = vec![0.0; k];
             let mut sums = vec![0.0; k * m];
+            let mut squares = vec![vec![0.0; if scattered { m * m } else { 0 }]; k];
             evidence = 0.0;
             for z in 0..measurements {
                 let mut high = self.log_clutter;
@@ -222,6 +236,9 @@ impl Superposition {
                         .iter_mut()
                         .zip(y)
                         .for_each(|(sum, y)| *sum += share * y);
+                    for (i, square) in squares[j].iter_mut().enumerate() {
+                        *square += share * y[i / m] * y[i % m];
+                    }
                 }
             }
             if iteration == ITERATIONS {
@@ -236,9 +253,14 @@ impl Superposition {
                     variance[j][i] = member.spread[i] / (n * member.spread[i] + 1.0);
                     mean[j][i] = n * variance[j][i] * average[i];
                 }
+                let mut scatter = std::mem::take(&mut squares[j]);
+                for (i, square) in scatter.iter_mut().enumerate() {
+                    *square -= n * average[i / m] * average[i % m];
+                }
                 found.push(Found {
                     count: n,
                     mean: average,
+                    scatter,
                 });
             }
         }
@@ -312,7 +334,6 @@ mod tests {
     fn the_bound_is_below_the_evidence() {
         let model = Superposition {
             log_clutter: libm::log(1e-3),
-            log_volume: crate::filter::kalman::LN_TAU,
             detection_probability: 0.9,
             dims: 1,
         };
@@ -322,6 +343,8 @@ mod tests {
             spread: &[spread],
             rate,
             existence: 0.9,
+            log_volume: crate::filter::kalman::LN_TAU,
+            scattered: false,
         };
         let MeanField { bound, found } = model.mean_field(&[&member]);
         // ∫ e^−γ (κ + γ N(y; x, 1)) N(x; 0, λ) dx.

@@ -19,12 +19,14 @@
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
+use super::extent;
 use super::rate::Rate;
 use crate::error::{Error, Result, require_non_negative};
 use crate::filter::mixture::{Hypothesis, moment_match};
 use crate::gaussian::Gaussian;
 use crate::linalg::kernel;
 use crate::model::StateSpace;
+use crate::track::Extent;
 
 /// From this weight on a component stands for a target.
 pub const EXTRACT: f64 = 0.5;
@@ -40,6 +42,9 @@ pub struct Component {
     pub state: Gaussian,
     /// How many measurements each gives; for point targets without meaning.
     pub rate: Rate,
+    /// How large they are, where the filter learns it.
+    #[serde(default)]
+    pub extent: Option<Extent>,
     /// Whose it is: kept through survival and update.
     pub label: u64,
 }
@@ -171,6 +176,8 @@ fn merged(all: &[Component], members: &[usize]) -> Merged {
         }
     }
     let rates: Vec<(f64, Rate)> = members.iter().map(|&i| (all[i].weight, all[i].rate)).collect();
+    let extent = |&i: &usize| all[i].extent.as_ref().map(|extent| (all[i].weight, extent));
+    let extents: Vec<(f64, &Extent)> = members.iter().filter_map(extent).collect();
     let hypotheses = members.iter().map(|&i| Hypothesis {
         weight: all[i].weight,
         state: all[i].state.clone(),
@@ -180,6 +187,7 @@ fn merged(all: &[Component], members: &[usize]) -> Merged {
         weight: members.iter().map(|&i| all[i].weight).sum(),
         state: moment_match(&space, hypotheses.collect()).unwrap_or_else(|| first.state.clone()),
         rate: Rate::merged(&rates).unwrap_or(first.rate),
+        extent: extent::merged(&extents).or_else(|| first.extent.clone()),
         label: first.label,
     };
     Merged { component, labels }

@@ -3,11 +3,13 @@
 pub(crate) mod cells;
 pub mod cphd;
 pub mod extended_gm_phd;
+pub mod extent;
 pub mod gm_phd;
 pub(crate) mod group;
 pub mod mixture;
 pub mod prediction;
 pub mod rate;
+pub(crate) mod spread;
 pub(crate) mod sums;
 pub(crate) mod view;
 

@@ -93,6 +93,7 @@ impl Fate {
                 weight: component.weight * self.survival_probability,
                 state,
                 rate: rates.predicted(component.rate),
+                extent: component.extent.clone(),
                 label: component.label,
             });
         }
@@ -108,6 +109,7 @@ impl Fate {
                         &slope * &state.cov * slope.transpose() + &spawn.cov,
                     )?,
                     rate: rates.predicted(component.rate),
+                    extent: None,
                     label: fresh(next_label),
                 });
             }
@@ -122,6 +124,7 @@ impl Fate {
                 weight: birth.weight,
                 state: birth.state.clone(),
                 rate: self.birth_rate,
+                extent: None,
                 label: fresh(next_label),
             });
         }

@@ -38,7 +38,10 @@ pub(crate) struct Noise {
 
 impl Noise {
     pub(crate) fn of(sensor: &dyn Sensor) -> Result<Self> {
-        let cov = sensor.noise();
+        Self::new(sensor.noise())
+    }
+
+    pub(crate) fn new(cov: DMatrix<f64>) -> Result<Self> {
         let lower = Cholesky::new(&cov, "measurement noise")?;
         let log_volume = cov.nrows() as f64 * LN_TAU + lower.log_determinant();
         Ok(Self { cov, lower, log_volume })
@@ -62,6 +65,8 @@ pub(crate) struct View {
     pub(crate) spread: Vec<f64>,
     cross: DMatrix<f64>,
     slope: Option<DMatrix<f64>>,
+    /// m ln 2π + ln |R|.
+    pub(crate) log_volume: f64,
 }
 
 impl View {
@@ -99,6 +104,7 @@ impl View {
             axes: axes.transpose().as_slice().to_vec(),
             spread: eigen.values.iter().map(|value| value.max(0.0)).collect(),
             slope,
+            log_volume: noise.log_volume,
         })
     }
 
@@ -108,6 +114,13 @@ impl View {
         for (y, axis) in y.iter_mut().zip(self.axes.chunks_exact(scratch.len().max(1))) {
             *y = axis.iter().zip(scratch.iter()).map(|(a, r)| a * r).sum();
         }
+    }
+
+    /// A⁻¹ M A⁻ᵀ of a matrix in the axes of the view, m×m: A⁻¹ = R Aᵀ.
+    pub(crate) fn turned_back(&self, noise: &DMatrix<f64>, inner: &[f64]) -> DMatrix<f64> {
+        let m = noise.nrows();
+        let back = noise * DMatrix::from_column_slice(m, m, &self.axes);
+        &back * DMatrix::from_column_slice(m, m, inner) * back.transpose()
     }
 
     /// −½ Σ ln(n λ + 1) − ½ Σ n y² / (n λ + 1).

@@ -112,6 +112,7 @@ impl MultiTargetTracker {
                 last_hit: track.last_hit,
                 hits: track.hits,
                 existence: track.existence,
+                extent: None,
             })
         };
         self.tracks.iter().filter_map(report).collect()

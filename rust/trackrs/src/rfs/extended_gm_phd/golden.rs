@@ -59,6 +59,7 @@ fn mixture(value: &Value) -> Vec<Component> {
             shape: number(&value["a"][i]),
             inverse_scale: number(&value["b"][i]),
         },
+        extent: None,
         label: i as u64,
     };
     numbers(&value["w"]).iter().enumerate().map(component).collect()
@@ -93,6 +94,7 @@ impl Case {
                     clutter_filter: None,
                     superposition: true,
                     prune: number(&value["prune"]),
+                    extent: None,
                 },
                 value,
             }
@@ -165,7 +167,7 @@ fn sight<'a>(sensor: &'a PositionSensor, case: &Case) -> Sight<'a> {
 
 fn scene<'a>(case: &'a Case, predicted: &'a [Component], sight: &'a Sight<'a>) -> Scene<'a> {
     let noise = Noise::of(sight.sensor).unwrap();
-    let view = |c: &Component| View::new(&c.state, sight.sensor, None, sight.rule, &noise).unwrap();
+    let view = |c: &Component| Seen::new(c, sight, &noise, 6).unwrap();
     let views = predicted.iter().map(view).collect();
     Scene::new(&case.update, predicted, views, noise, sight, 6)
 }
@@ -347,14 +349,15 @@ fn blocks_and_the_mean_field() {
         let members: Vec<Member<'_>> = [0, 1]
             .map(|j| Member {
                 offsets: scene.offsets(j, z),
-                spread: &scene.views[j].spread,
+                spread: &scene.seen[j].view.spread,
+                log_volume: scene.noise.log_volume,
+                scattered: false,
                 rate: predicted[j].rate.mean(),
                 existence: Member::existence(predicted[j].weight),
             })
             .into();
         let model = Superposition {
             log_clutter: scene.log_clutter,
-            log_volume: scene.noise.log_volume,
             detection_probability: 0.99,
             dims: 2,
         };
@@ -367,7 +370,9 @@ fn blocks_and_the_mean_field() {
                 "{} {expected}",
                 found[j].count
             );
-            let state = scene.views[j].posterior(&predicted[j].state, &found[j].mean, found[j].count);
+            let state = scene.seen[j]
+                .view
+                .posterior(&predicted[j].state, &found[j].mean, found[j].count);
             let expected = gaussian(&field["m"][j], &field["P"][j]);
             assert!((&state.mean - &expected.mean).amax() < 1e-9 * expected.mean.amax());
             assert!((&state.cov - &expected.cov).amax() < 1e-9 * expected.cov.amax());

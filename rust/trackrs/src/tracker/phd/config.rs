@@ -10,6 +10,7 @@ use crate::partition::PartitionModel;
 use crate::partition::tree::TreePartition;
 use crate::rfs::cphd::CphdUpdate;
 use crate::rfs::extended_gm_phd::ExtendedUpdate;
+use crate::rfs::extent::ExtentModel;
 use crate::rfs::gm_phd::PointUpdate;
 use crate::rfs::mixture::Reduction;
 use crate::rfs::prediction::{Birth, Fate, require_rate};
@@ -77,6 +78,14 @@ impl IntensityUpdate {
                 Err(Error::invalid("max_targets", 0, "must be at least 1"))
             }
             Self::Cardinalised(_) => Ok(()),
+        }
+    }
+
+    /// How extents are learnt, where they are.
+    pub(super) fn extent(&self) -> Option<&ExtentModel> {
+        match self {
+            Self::Extended(update) => update.extent.as_ref(),
+            Self::Point(_) | Self::Cardinalised(_) => None,
         }
     }
 
@@ -148,6 +157,7 @@ impl PhdConfig {
                 clutter_filter: None,
                 superposition: true,
                 prune: reduction.prune,
+                extent: None,
             }),
             reduction,
             confirmation: Confirmation::default(),

@@ -112,6 +112,7 @@ impl Labels {
             last_hit: time,
             hits: candidate.extractions,
             existence: Some(target.weight.min(1.0)),
+            extent: target.extent.clone(),
         })
     }
 }

@@ -34,6 +34,7 @@ use crate::rfs::Sight;
 use crate::rfs::cphd::{Cardinality, CphdUpdate};
 use crate::rfs::mixture::{Component, Merged};
 use crate::rfs::prediction::{Birth, fresh};
+use crate::rfs::spread::SpreadSensor;
 use crate::scan::Scan;
 use crate::state;
 use crate::stats::chi_square;
@@ -87,6 +88,7 @@ impl PhdTracker {
                 weight: target.weight,
                 state: target.state.clone(),
                 rate: tracker.config.fate.birth_rate,
+                extent: tracker.config.update.extent().map(|model| model.prior.clone()),
                 label: fresh(&mut tracker.labels.next_label),
             });
         }
@@ -121,6 +123,11 @@ impl PhdTracker {
     /// Expected number of targets after the last scan.
     pub fn expected_targets(&self) -> f64 {
         self.mixture.iter().map(|component| component.weight).sum()
+    }
+
+    /// Length of the measured position, where extents are learnt.
+    pub fn extent_dims(&self) -> Option<usize> {
+        self.config.update.extent().map(|model| model.prior.cov.nrows())
     }
 
     /// Distribution of the number of targets, where the filter carries it.
@@ -214,13 +221,17 @@ impl PhdTracker {
             let births = fate.births.iter().chain(&born).map(|birth| birth.weight).sum();
             *cardinality = cardinality.predicted(fate.survival_probability, births);
         }
+        if let Some(extent) = self.config.update.extent() {
+            extent.predict(&mut mixture, dt);
+        }
         self.mixture = mixture;
         self.drop_diverged(scan)
     }
 
     fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
         // A sum is finite only if all its terms are.
-        let finite = |c: &Component| (c.weight + c.state.mean.sum() + c.state.cov.sum()).is_finite();
+        let extent = |c: &Component| c.extent.as_ref().map_or(0.0, |e| e.cov.sum() + e.certainty);
+        let finite = |c: &Component| (c.weight + c.state.mean.sum() + c.state.cov.sum() + extent(c)).is_finite();
         let before = self.mixture.len();
         self.mixture.retain(finite);
         if self.mixture.len() == before {
@@ -242,7 +253,8 @@ impl PhdTracker {
         let gate = chi_square::quantile(GATE, m)?;
         let mut free = vec![true; measurements.len() / m];
         for component in self.mixture.iter().filter(|c| c.weight >= EXPLAINS) {
-            let expected = self.config.filter.expect(&component.state, &watch.sensor, platform);
+            let spread = SpreadSensor::of(&watch.sensor, component.extent.as_ref());
+            let expected = self.config.filter.expect(&component.state, &spread, platform);
             let Ok(expected) = expected else {
                 continue;
             };
@@ -258,8 +270,9 @@ impl PhdTracker {
             .filter(|(_, free)| **free)
             .flat_map(|(z, _)| z.iter().copied())
             .collect();
-        let points = Points::whitened(&left, m, &watch.sensor.noise())?;
-        // Two measurements of one target differ by noise of covariance 2 R.
+        let newborn = self.config.update.extent().map(|extent| &extent.prior);
+        let points = Points::whitened(&left, m, &SpreadSensor::of(&watch.sensor, newborn).noise())?;
+        // Two measurements of one target differ by noise of twice that covariance.
         let link = libm::sqrt(2.0 * chi_square::quantile(LINK, m)?);
         let cells = DistancePartition {
             thresholds: Thresholds::Range {
@@ -303,6 +316,11 @@ impl PhdTracker {
                 .map_or(Ok(()), |time| require_finite("time", [&time]))?;
             let states = tracker.config.motion.state_dim();
             let components = tracker.mixture.iter().map(|c| &c.state);
+            if let Some(model) = tracker.config.update.extent() {
+                for extent in tracker.mixture.iter().filter_map(|c| c.extent.as_ref()) {
+                    extent.check(model.prior.cov.nrows())?;
+                }
+            }
             for state in components.chain(tracker.pending.iter().map(|birth| &birth.state)) {
                 require_size("component", states, state.dim())?;
             }
