@@ -561,8 +561,9 @@ class Tracks:
             for j, b in enumerate(self.labels[: i + 1]):
                 table[f"cov_{a}_{b}"] = self.covs[:, i, j]
         if self.extents is not None:
-            for i, j in zip(*np.tril_indices(self.extents.shape[1]), strict=True):
-                table[f"extent_{i + 1}_{j + 1}"] = self.extents[:, i, j]
+            for i in range(self.extents.shape[1]):
+                for j in range(i + 1):
+                    table[f"extent_{i + 1}_{j + 1}"] = self.extents[:, i, j]
         return table
 
 

@@ -210,8 +210,9 @@ def read_tracks(path: str | Path, scans: ScanTable | None = None) -> Tracks:
             covs[:, i, j] = covs[:, j, i] = table.numbers(f"cov_{a}_{b}")[order]
     size = sum(f"extent_{i}_{i}" in names for i in (1, 2, 3))
     extents = np.zeros((len(times), size, size))
-    for i, j in zip(*np.tril_indices(size), strict=True):
-        extents[:, i, j] = extents[:, j, i] = table.numbers(f"extent_{i + 1}_{j + 1}")[order]
+    for i in range(size):
+        for j in range(i + 1):
+            extents[:, i, j] = extents[:, j, i] = table.numbers(f"extent_{i + 1}_{j + 1}")[order]
     means = np.stack([table.numbers(label) for label in labels], axis=1)[order]
     return Tracks(
         scan_times=scans.times,
