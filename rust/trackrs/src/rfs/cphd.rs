@@ -5,7 +5,7 @@
 //! | ρ(n)      | `log_probabilities` | probability of n targets, n = 0 … N (logarithms)                   |
 //! | p_S, b    |               | survival probability; expected number of births, which is Poisson         |
 //! | W, φ      | `all`, `missed` | Σ w and Σ (1 − p_D) w: expected targets, and those missed               |
-//! | L_z       | `log_targets` | Σ_j w_j p_D q_j(z)                                                       |
+//! | L_z       | `targets`     | Σ_j w_j p_D q_j(z)                                                       |
 //! | c_j(Z)    |               | coefficient of x^j in Π_{z ∈ Z} (κ + L_z x)                              |
 //!
 //! Prediction:  ρ⁻(n) = Σ_j Poisson(n − j; b) Σ_{l ≥ j} C(l, j) p_S^j (1 − p_S)^{l − j} ρ(l)
@@ -144,10 +144,10 @@ impl CphdUpdate {
         let pairs = self.point.pairs(mixture, measurements, sight)?;
         let masses = pairs.masses();
         let scan = Counts {
-            log_all: libm::log(masses.all),
-            log_missed: libm::log(masses.missed),
-            log_clutter: libm::log(sight.clutter_density),
-            log_targets: &pairs.log_targets,
+            all: libm::log(masses.all),
+            missed: libm::log(masses.missed),
+            clutter: libm::log(sight.clutter_density),
+            targets: &pairs.log_targets,
         };
         let counted = scan.update(cardinality);
         Ok(Cardinalised {
@@ -157,30 +157,30 @@ impl CphdUpdate {
     }
 }
 
-/// What the number of targets depends on.
+/// What the number of targets depends on: the logarithms of W, φ, κ and all L_z.
 struct Counts<'a> {
-    log_all: f64,
-    log_missed: f64,
-    log_clutter: f64,
-    log_targets: &'a [f64],
+    all: f64,
+    missed: f64,
+    clutter: f64,
+    targets: &'a [f64],
 }
 
 impl Counts<'_> {
     fn update(&self, prior: &Cardinality) -> Counted {
         let count = prior.log_probabilities.len();
         let factorials = log_factorials(count);
-        let gated: Vec<usize> = (0..self.log_targets.len())
-            .filter(|&z| self.log_targets[z] > f64::NEG_INFINITY)
+        let gated: Vec<usize> = (0..self.targets.len())
+            .filter(|&z| self.targets[z] > f64::NEG_INFINITY)
             .collect();
-        let factors: Vec<[f64; 2]> = gated.iter().map(|&z| [self.log_clutter, self.log_targets[z]]).collect();
+        let factors: Vec<[f64; 2]> = gated.iter().map(|&z| [self.clutter, self.targets[z]]).collect();
         let all = polynomial(&factors, count);
         // ln of P(n, k) φ^{n − k} / W^n, −∞ where it is zero.
         let term = |n: usize, k: usize| {
             if k > n {
                 return f64::NEG_INFINITY;
             }
-            let missed = if n == k { 0.0 } else { self.log_missed * (n - k) as f64 };
-            let share = if n == 0 { 0.0 } else { -self.log_all * n as f64 };
+            let missed = if n == k { 0.0 } else { self.missed * (n - k) as f64 };
+            let share = if n == 0 { 0.0 } else { -self.all * n as f64 };
             factorials[n] - factorials[n - k] + missed + share
         };
         let posterior: Vec<f64> = (0..count)
@@ -203,7 +203,7 @@ impl Counts<'_> {
             let terms: Vec<f64> = coefficients.iter().zip(&with_one_more).map(|(c, g)| c + g).collect();
             log_sum(&terms) - log_total
         };
-        let mut log_detected = vec![f64::NEG_INFINITY; self.log_targets.len()];
+        let mut log_detected = vec![f64::NEG_INFINITY; self.targets.len()];
         let mut missed = 1.0;
         if log_total > f64::NEG_INFINITY {
             missed = libm::exp(weigh(&all));
@@ -330,10 +330,10 @@ mod tests {
                 |u: usize, measurements: &[f64]| (0..count).map(|n| upsilon(u, n, measurements) * rho[n]).sum::<f64>();
             let evidence = inner(0, &targets);
             let counts = Counts {
-                log_all: all.ln(),
-                log_missed: missed.ln(),
-                log_clutter: libm::log(clutter),
-                log_targets: &targets.iter().map(|t| t.ln()).collect::<Vec<_>>(),
+                all: all.ln(),
+                missed: missed.ln(),
+                clutter: libm::log(clutter),
+                targets: &targets.iter().map(|t| t.ln()).collect::<Vec<_>>(),
             };
             let prior = Cardinality {
                 log_probabilities: rho.iter().map(|p| p.ln()).collect(),

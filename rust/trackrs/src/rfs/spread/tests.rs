@@ -1,6 +1,13 @@
 //! The scatter of cells against integrals over all extents.
 
 use super::*;
+use crate::filter::extended::Rule;
+use crate::model::sensor::LinearSensor;
+use crate::partition::distance::{DistancePartition, Thresholds};
+use crate::partition::{self, Partition, PartitionModel, Points};
+use crate::rfs::extended_gm_phd::ExtendedUpdate;
+use crate::rfs::extent::ExtentModel;
+use crate::rfs::rate::{Rate, RateModel};
 use crate::stats::stream::Stream;
 
 fn extent(cov: DMatrix<f64>, certainty: f64) -> Extent {
@@ -108,8 +115,10 @@ fn through_noise_the_extent_is_close_to_the_integral() {
     let cases = 60;
     for _ in 0..cases {
         let (x, certainty, r) = (stream.between(20.0, 400.0), stream.between(5.0, 40.0), 400.0);
-        let n = stream.between(2.0, 40.0).floor();
-        let s: f64 = (1..n as usize).map(|_| (x + r) * stream.normal().powi(2)).sum();
+        let sizes: Vec<u32> = (2..40).collect();
+        let size = *stream.choice(&sizes).unwrap();
+        let n = f64::from(size);
+        let s: f64 = (1..size).map(|_| (x + r) * stream.normal().powi(2)).sum();
         let truth = exact(x, certainty, r, n, s);
         let prior = extent(line(x), certainty);
         let spread = Spread::new(&prior, &line(r)).unwrap();
@@ -197,56 +206,73 @@ fn extents_at_the_limits_stay_extents() {
     }
 }
 
+const FOUR: [f64; 4] = [0.0, 1.5, 6.0, 7.0];
+const NEXT_TO_NOTHING: f64 = 1e-10;
+
+/// A cell as it is written by hand.
+struct Term {
+    size: f64,
+    mean: f64,
+    scatter: f64,
+    likelihoods: Vec<f64>,
+    weight: f64,
+}
+
+/// Two components on a line, and how four measurements are divided.
+struct Line {
+    mixture: [Component; 2],
+    update: ExtendedUpdate,
+    partitions: Vec<Partition>,
+}
+
+impl Line {
+    fn new() -> Self {
+        let component = |weight: f64, place: f64, x: f64, certainty: f64, label: u64| Component {
+            weight,
+            state: Gaussian::new(DVector::from_vec(vec![place, 0.0]), DMatrix::identity(2, 2) * 2.0).unwrap(),
+            rate: Rate::with_mean(2.0, 8.0),
+            extent: Some(extent(line(x), certainty)),
+            label,
+        };
+        let rule = DistancePartition {
+            thresholds: Thresholds::Range {
+                lower: 0.1,
+                upper: 100.0,
+            },
+            ..DistancePartition::default()
+        };
+        let points = Points::whitened(&FOUR, 1, &line(1.0 + NEXT_TO_NOTHING)).unwrap();
+        Self {
+            mixture: [component(0.8, 1.0, 1.0, 6.0, 1), component(0.4, 5.0, 3.0, 4.0, 2)],
+            partitions: partition::partitions(&rule, &points, None).unwrap(),
+            update: ExtendedUpdate {
+                rates: RateModel::Known,
+                partition: PartitionModel::Distance(rule),
+                clutter_filter: None,
+                superposition: false,
+                prune: 0.0,
+                extent: Some(ExtentModel {
+                    prior: extent(line(1.0), 5.0),
+                    time_constant: 30.0,
+                }),
+            },
+        }
+    }
+}
+
 /// The whole update on four measurements on a line, with next to no noise: all partitions one by one, the density of a cell's
 /// mean by its formula, that of its scatter by the integral over all extents.
 #[test]
 fn four_measurements_are_weighed_as_by_hand() {
-    use crate::filter::extended::Rule;
-    use crate::model::sensor::LinearSensor;
-    use crate::partition::distance::{DistancePartition, Thresholds};
-    use crate::partition::{self, PartitionModel, Points};
-    use crate::rfs::extended_gm_phd::ExtendedUpdate;
-    use crate::rfs::extent::ExtentModel;
-    use crate::rfs::rate::{Rate, RateModel};
-
-    let z = [0.0, 1.5, 6.0, 7.0];
-    let (noise, p_d, clutter) = (1e-10, 0.9, 0.02);
-    let sensor = LinearSensor::new(
-        DMatrix::from_row_slice(1, 2, &[1.0, 0.0]),
-        line(noise),
-        DVector::zeros(1),
-    )
-    .unwrap();
-    let component = |weight: f64, place: f64, x: f64, certainty: f64, label: u64| Component {
-        weight,
-        state: Gaussian::new(DVector::from_vec(vec![place, 0.0]), DMatrix::identity(2, 2) * 2.0).unwrap(),
-        rate: Rate::with_mean(2.0, 8.0),
-        extent: Some(extent(line(x), certainty)),
-        label,
-    };
-    let mixture = [component(0.8, 1.0, 1.0, 6.0, 1), component(0.4, 5.0, 3.0, 4.0, 2)];
-    let prior = extent(line(1.0), 5.0);
-    let rule = DistancePartition {
-        thresholds: Thresholds::Range {
-            lower: 0.1,
-            upper: 100.0,
-        },
-        ..DistancePartition::default()
-    };
-    let points = Points::whitened(&z, 1, &line(1.0 + noise)).unwrap();
-    let partitions = partition::partitions(&rule, &points, None).unwrap();
+    let (z, noise, p_d, clutter) = (FOUR, NEXT_TO_NOTHING, 0.9, 0.02);
+    let h = DMatrix::from_row_slice(1, 2, &[1.0, 0.0]);
+    let sensor = LinearSensor::new(h, line(noise), DVector::zeros(1)).unwrap();
+    let Line {
+        mixture,
+        update,
+        partitions,
+    } = Line::new();
     assert!(partitions.len() >= 3);
-    let update = ExtendedUpdate {
-        rates: RateModel::Known,
-        partition: PartitionModel::Distance(rule),
-        clutter_filter: None,
-        superposition: false,
-        prune: 0.0,
-        extent: Some(ExtentModel {
-            prior,
-            time_constant: 30.0,
-        }),
-    };
     let sight = Sight {
         sensor: &sensor,
         platform: None,
@@ -257,13 +283,6 @@ fn four_measurements_are_weighed_as_by_hand() {
     let found = update.update(&mixture, &z, &sight).unwrap().components;
 
     // By hand: every partition, every cell in it as often as it stands there.
-    struct Term {
-        size: f64,
-        mean: f64,
-        scatter: f64,
-        likelihoods: Vec<f64>,
-        weight: f64,
-    }
     let term = |members: &[usize]| {
         let n = members.len() as f64;
         let mean = members.iter().map(|&i| z[i]).sum::<f64>() / n;
@@ -296,8 +315,8 @@ fn four_measurements_are_weighed_as_by_hand() {
     let mut sums = [0.0; 2];
     for (partition, product) in all.iter().zip(&products) {
         for term in partition {
-            for j in 0..2 {
-                sums[j] += product / total * term.likelihoods[j] / term.weight;
+            for (sum, likelihood) in sums.iter_mut().zip(&term.likelihoods) {
+                *sum += product / total * likelihood / term.weight;
             }
         }
     }

@@ -73,11 +73,10 @@ impl IntensityUpdate {
     fn check(&self, sensor: &SensorModel) -> Result<()> {
         match self {
             Self::Extended(update) => update.check(sensor),
-            Self::Point(_) => Ok(()),
             Self::Cardinalised(update) if update.max_targets == 0 => {
                 Err(Error::invalid("max_targets", 0, "must be at least 1"))
             }
-            Self::Cardinalised(_) => Ok(()),
+            Self::Point(_) | Self::Cardinalised(_) => Ok(()),
         }
     }
 
