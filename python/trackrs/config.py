@@ -1,7 +1,8 @@
 """Configuration: a TOML file becomes models, a tracker, and the layout of the tables.
 
 The tables of the file mirror the classes: `[motion]`, `[sensors.NAME]` and `[tracker]` hold the arguments of a motion
-model, a sensor and `MultiTargetTracker`; `[input]`, `[truth]`, `[score]` and `[plot]` those of the classes below.
+model, a sensor and `MultiTargetTracker`, or of the filter by intensity that `type` in `[tracker]` names; `[input]`,
+`[truth]`, `[score]` and `[plot]` those of the classes below.
 `type = "constant_velocity"` names a class in snake case. TOML has no None: leave a key out where that is the default,
 and write "none" where it is not, as in `associator = {type = "npda", clutter_probability = "none"}`, which goes by
 `clutter_density`. `examples/harbour.toml` shows all of it.

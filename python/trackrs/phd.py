@@ -220,15 +220,18 @@ class _IntensityFilter:
     def _settings(self) -> dict[str, Any]:
         """What the core needs beside the models."""
         sensors = self._sensors()
-        adaptive = self.birth if isinstance(self.birth, AdaptiveBirth) else None
-        given = None if isinstance(self.birth, AdaptiveBirth) else self.birth
+        adaptive, births = None, []
+        if isinstance(self.birth, AdaptiveBirth):
+            adaptive = asdict(self.birth)
+        else:
+            births = _weighted("birth", self.birth.states, self.birth.weights)
         return {
             "filter": self.filter,
             "survival_probability": self.survival_probability,
             "detection_probability": by_sensor(self.detection_probability, sensors),
             "clutter_density": by_sensor(self.clutter_density, sensors),
-            "births": [] if given is None else _weighted("birth", given.states, given.weights),
-            "adaptive_birth": None if adaptive is None else asdict(adaptive),
+            "births": births,
+            "adaptive_birth": adaptive,
             "spawns": [],
             "detections_per_target": 1.0,
             "rate_shape": 1.0,

@@ -15,6 +15,7 @@ use faer::linalg::solvers::{Llt, LltError};
 use nalgebra::{DMatrix, DVector};
 
 use super::kernel;
+use super::symmetric::symmetrise;
 use crate::error::{Error, Result, require_size};
 
 /// Matrices with more rows than this are factorised by faer.
@@ -62,6 +63,22 @@ impl Cholesky {
             }
             out[i] = sum / self.lower[(i, i)];
         }
+        out
+    }
+
+    /// L⁻¹ B L⁻ᵀ of a symmetric matrix B: the same in axes in which A is 1; exactly symmetric.
+    #[must_use]
+    pub fn whiten_both(&self, b: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut out = b.clone();
+        // One side after the other.
+        for _ in 0..2 {
+            for mut column in out.column_iter_mut() {
+                let whitened = self.whiten(&column.clone_owned());
+                column.copy_from(&whitened);
+            }
+            out.transpose_mut();
+        }
+        symmetrise(&mut out);
         out
     }
 

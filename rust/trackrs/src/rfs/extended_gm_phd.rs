@@ -39,6 +39,7 @@ use super::view::Noise;
 use super::{Sight, Updated};
 use crate::error::{Error, Result};
 use crate::model::Sensor;
+use crate::model::sensor::wrap_angle;
 use crate::partition::lof::LocalOutlierFactor;
 use crate::partition::{self, PartitionModel, Points};
 use crate::stats::chi_square;
@@ -327,10 +328,13 @@ impl<'a> Scene<'a> {
 
 /// The measurements with their angles continuous: counted on from the far side of the largest gap between any two, so that
 /// differences and means of neighbours need no wrapping.
-fn unwrapped(measurements: &[f64], m: usize, angles: &[usize]) -> Vec<f64> {
+pub(crate) fn unwrapped(measurements: &[f64], m: usize, angles: &[usize]) -> Vec<f64> {
     use std::f64::consts::TAU;
     let mut out = measurements.to_vec();
     for &angle in angles {
+        for value in out.iter_mut().skip(angle).step_by(m) {
+            *value = wrap_angle(*value);
+        }
         let mut values: Vec<f64> = out.iter().skip(angle).step_by(m).copied().collect();
         values.sort_by(f64::total_cmp);
         let (Some(&first), Some(&last)) = (values.first(), values.last()) else {
@@ -364,5 +368,8 @@ mod tests {
         assert!((z[3] - (std::f64::consts::TAU - 3.1)).abs() < 1e-15);
         assert_eq!((z[1], z[5], z[0]), (3.1, 2.9, 5.0));
         assert_eq!(unwrapped(&[1.0, 2.0], 2, &[]), [1.0, 2.0]);
+        // Bearings of different turns are the same places.
+        let turned = unwrapped(&[3.1 - std::f64::consts::TAU, 3.0], 1, &[0]);
+        assert!((turned[0] - 3.1).abs() < 1e-14 && turned[1] == 3.0, "{turned:?}");
     }
 }

@@ -220,15 +220,7 @@ fn log_determinant_with(lower: &DMatrix<f64>, scatter: &[f64]) -> f64 {
 /// The nearest matrix that is nowhere below `LEAST` of the noise.
 fn above(cov: &DMatrix<f64>, noise: &DMatrix<f64>) -> Result<DMatrix<f64>> {
     let factor = Cholesky::new(noise, "measurement noise")?;
-    let mut whitened = cov.clone();
-    for _ in 0..2 {
-        for mut column in whitened.column_iter_mut() {
-            let inner = factor.whiten(&column.clone_owned());
-            column.copy_from(&inner);
-        }
-        whitened.transpose_mut();
-    }
-    symmetrise(&mut whitened);
+    let whitened = factor.whiten_both(cov);
     let clipped = clip_eigenvalues(&whitened, LEAST, f64::MAX)?;
     if clipped == whitened {
         return Ok(cov.clone());

@@ -53,17 +53,19 @@ impl Divisions {
     /// The sum over all of them.
     pub(crate) fn sum(&self, log_weights: &[f64]) -> PartitionSum {
         let mut log_shares = vec![f64::NEG_INFINITY; log_weights.len()];
+        let totals: Vec<Vec<f64>> = match self {
+            Self::Flat(_) => Vec::new(),
+            Self::Cuts(forests) => forests.iter().map(|forest| forest.totals(log_weights)).collect(),
+        };
         let products: Vec<f64> = match self {
             Self::Flat(partitions) => {
                 let product = |cells: &Vec<usize>| cells.iter().map(|&cell| log_weights[cell]).sum();
                 partitions.iter().map(product).collect()
             }
             Self::Cuts(forests) => {
-                let up = |forest: &Forest| {
-                    let totals = forest.totals(log_weights);
-                    forest.tree.roots.iter().map(|&root| totals[root]).sum()
-                };
-                forests.iter().map(up).collect()
+                let up =
+                    |(forest, totals): (&Forest, &Vec<f64>)| forest.tree.roots.iter().map(|&root| totals[root]).sum();
+                forests.iter().zip(&totals).map(up).collect()
             }
         };
         let omega = log_normalised(&products);
@@ -76,8 +78,8 @@ impl Divisions {
                 }
             }
             Self::Cuts(forests) => {
-                for (forest, omega) in forests.iter().zip(&omega) {
-                    forest.share(log_weights, *omega, &mut log_shares);
+                for ((forest, totals), omega) in forests.iter().zip(&totals).zip(&omega) {
+                    forest.share(log_weights, totals, *omega, &mut log_shares);
                 }
             }
         }
@@ -105,8 +107,7 @@ impl Forest {
     }
 
     /// Adds the shares of the forest's nodes, `omega` times.
-    fn share(&self, log_weights: &[f64], omega: f64, log_shares: &mut [f64]) {
-        let totals = self.totals(log_weights);
+    fn share(&self, log_weights: &[f64], totals: &[f64], omega: f64, log_shares: &mut [f64]) {
         let mut reach = vec![f64::NEG_INFINITY; self.nodes()];
         self.tree.roots.iter().for_each(|&root| reach[root] = omega);
         for node in (0..self.nodes()).rev() {

@@ -38,10 +38,7 @@ pub(crate) struct Noise {
 
 impl Noise {
     pub(crate) fn of(sensor: &dyn Sensor) -> Result<Self> {
-        Self::new(sensor.noise())
-    }
-
-    pub(crate) fn new(cov: DMatrix<f64>) -> Result<Self> {
+        let cov = sensor.noise();
         let lower = Cholesky::new(&cov, "measurement noise")?;
         let log_volume = cov.nrows() as f64 * LN_TAU + lower.log_determinant();
         Ok(Self { cov, lower, log_volume })
@@ -79,16 +76,7 @@ impl View {
     ) -> Result<Self> {
         let (n, m) = (state.dim(), sensor.measurement_dim());
         let seen = expect(state, sensor, platform, rule)?;
-        let mut inside = seen.prediction.cov() - &noise.cov;
-        // L⁻¹ U L⁻ᵀ, one side after the other.
-        for _ in 0..2 {
-            for mut column in inside.column_iter_mut() {
-                let whitened = noise.lower.whiten(&column.clone_owned());
-                column.copy_from(&whitened);
-            }
-            inside.transpose_mut();
-        }
-        symmetrise(&mut inside);
+        let inside = noise.lower.whiten_both(&(seen.prediction.cov() - &noise.cov));
         let eigen = symmetric_eigen(&inside)?;
         let mut inverse = DMatrix::identity(m, m);
         for mut column in inverse.column_iter_mut() {

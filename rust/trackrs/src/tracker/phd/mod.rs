@@ -32,6 +32,7 @@ use crate::partition::distance::{DistancePartition, Thresholds};
 use crate::partition::{Partition, Partitioner, Points};
 use crate::rfs::Sight;
 use crate::rfs::cphd::{Cardinality, CphdUpdate};
+use crate::rfs::extended_gm_phd::unwrapped;
 use crate::rfs::mixture::{Component, Merged};
 use crate::rfs::prediction::{Birth, fresh};
 use crate::rfs::spread::SpreadSensor;
@@ -270,6 +271,7 @@ impl PhdTracker {
             .filter(|(_, free)| **free)
             .flat_map(|(z, _)| z.iter().copied())
             .collect();
+        let left = unwrapped(&left, m, watch.sensor.angles());
         let newborn = self.config.update.extent().map(|extent| &extent.prior);
         let points = Points::whitened(&left, m, &SpreadSensor::of(&watch.sensor, newborn).noise())?;
         // Two measurements of one target differ by noise of twice that covariance.
