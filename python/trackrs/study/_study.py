@@ -298,5 +298,3 @@ def _core(method: Method) -> Any:  # noqa: ANN401 (one of three compiled types, 
         return None
     msg = f"method = {method!r} is invalid: must be a tracker, a filter, or a function of scans"
     raise ParameterError(msg)
-
-
