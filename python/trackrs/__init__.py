@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import association, geodesy, rotation, scenarios
+    from trackrs import association, geodesy, report, rotation, scenarios
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
     from trackrs.association import (
         JIPDA,
@@ -217,6 +217,7 @@ __all__ = [
     "nis",
     "ospa",
     "regularise",
+    "report",
     "rmse",
     "rotation",
     "scenarios",
@@ -224,7 +225,7 @@ __all__ = [
     "whiteness",
 ]
 
-_MODULES = ("association", "geodesy", "rotation", "scenarios")
+_MODULES = ("association", "geodesy", "report", "rotation", "scenarios")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = (
