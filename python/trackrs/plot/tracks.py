@@ -41,18 +41,24 @@ def detection_positions(scans: Iterable[Scan], sensors: Mapping[str, Sensor]) ->
     """
     out: dict[str, list[FloatArray]] = {}
     for scan in scans:
-        sensor = sensors[scan.sensor]
-        if len(scan) == 0 or not isinstance(sensor, PositionSensor | RangeBearing):
-            continue
-        origin = np.zeros(2) if scan.platform is None else scan.platform[:2]
-        if isinstance(sensor, RangeBearing):
-            reach, bearing = scan.values.T
-            points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing)], axis=1) + np.asarray(sensor.position)
-        else:
-            points = scan.values[:, :2]
-        points = points + origin
-        out.setdefault(scan.sensor, []).append(points[~np.isnan(points).any(axis=1)])
+        points = scan_positions(scan, sensors[scan.sensor])
+        if points is not None:
+            out.setdefault(scan.sensor, []).append(points)
     return {name: np.concatenate(out[name]) for name in sensors if name in out}
+
+
+def scan_positions(scan: Scan, sensor: Sensor) -> FloatArray | None:
+    """Return where the complete detections of one scan lie in the plane (k, 2); None if they tell of no position."""
+    if len(scan) == 0 or not isinstance(sensor, PositionSensor | RangeBearing):
+        return None
+    origin = np.zeros(2) if scan.platform is None else scan.platform[:2]
+    if isinstance(sensor, RangeBearing):
+        reach, bearing = scan.values.T
+        points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing)], axis=1) + np.asarray(sensor.position)
+    else:
+        points = scan.values[:, :2]
+    points = points + origin
+    return np.asarray(points[~np.isnan(points).any(axis=1)], dtype=np.float64)
 
 
 def plot_tracks(
