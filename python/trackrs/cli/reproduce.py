@@ -38,17 +38,17 @@ def reproduce(paper: str, runs: int, seed: int, out: Path, workers: int | None, 
         found = run_again(names, runs=runs, seed=seed, out=out, workers=workers, progress=_bar(stack, len(names)))
     page = write_page(out / "report.html", found, runs, seed)
     if as_json:
-        records = [{"name": one.name, "claims": one.claims, "numbers": one.numbers} for one in found]
-        print_json({"runs": runs, "seed": seed, "report": str(page), "papers": [_plain(record) for record in records]})
+        papers = [_record(one) for one in found]
+        print_json({"runs": runs, "seed": seed, "report": str(page), "papers": papers})
         return
     for one in found:
         _print(one)
     click.echo(f"{plural(runs, 'run')} of every study, seed {seed}; figures, tables and the page: {page}")
 
 
-def _plain(record: dict[str, object]) -> dict[str, object]:
-    plain = {key: [asdict(item) for item in value] for key, value in record.items() if isinstance(value, tuple)}
-    return record | plain
+def _record(one: Reproduction) -> dict[str, object]:
+    claims, numbers = [asdict(claim) for claim in one.claims], [asdict(n) | {"agrees": n.agrees} for n in one.numbers]
+    return {"name": one.name, "paper": one.paper, "claims": claims, "numbers": numbers}
 
 
 def _print(one: Reproduction) -> None:

@@ -17,16 +17,16 @@ from trackrs.partition import (
     TwoLevelPartition,
 )
 from trackrs.phd import Birth, ExtendedGMPHD
+from trackrs.report import Scene
 from trackrs.reproduce._drawing import COLOURS, draw_over_time, save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction
-from trackrs.report import Scene
 from trackrs.scenarios import Ellipse, ExtendedTargets, LShape, Rectangle, crossing, parallel
 from trackrs.study import Cardinality, Study, StudyResult
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from trackrs.partition import Partition
+    from trackrs.partition import _Partitioner
     from trackrs.reproduce._records import Progress
 
 PAPER = "Measurement-set partitioning for extended targets by local outlier factor and two-level density peaks (CFSFDP)"
@@ -41,7 +41,8 @@ DEFAULT, DISTANCE, FOUR, TEN, PRINTED, DBSCAN, KMEANS = (
 )
 CROSSING, SHAPES, PARALLEL = "crossing", "crossing of shapes", "parallel, 80 m"
 WINDOW = (45.0, 56.0)  # of the crossing, seconds
-# OSPA (c = 60 m, p = 2) and estimated minus true number, each with its half width: findings of the spec, 50 runs (of the
+# OSPA (c = 60 m, p = 2) and estimated minus true number, each with its half width: findings of the spec, 50 runs (of
+# the
 # shapes 16). Its default is of an intermediate version for the shapes.
 REFERENCE: dict[str, dict[str, tuple[float, float, float, float]]] = {
     CROSSING: {
@@ -83,10 +84,14 @@ def reproduce(runs: int, seed: int, folder: Path, workers: int | None, progress:
         name="extended",
         paper=PAPER,
         summary=(
-            "The two-level partition does not beat the distance partition where targets of different density cross, and "
-            "all four methods of the paper count two targets for one there. It beats DBSCAN where targets are close. As "
-            "printed, with a cut-off distance that 2 % of the pairs keep and the centres before the largest gap, it is the "
-            "worst of all. The sum over all cuts of cluster trees with a hypothesis for the group keeps all targets through the crossing."
+            "The two-level partition does not beat the distance partition where targets of different density cross, "
+            "and "
+            "all four methods of the paper count two targets for one there. It beats DBSCAN where targets are close. "
+            "As "
+            "printed, with a cut-off distance that 2 % of the pairs keep and the centres before the largest gap, it "
+            "is the "
+            "worst of all. The sum over all cuts of cluster trees with a hypothesis for the group keeps all targets "
+            "through the crossing."
         ),
         claims=claims(results, cost),
         numbers=numbers(results),
@@ -132,7 +137,7 @@ def scene_of(scenario: ExtendedTargets, seed: int) -> Scene:
 
 def partition_cost(scene: ExtendedTargets, seed: int) -> dict[str, float]:
     """Milliseconds for the partitions of one scan, on the average of a run; one thread."""
-    rules: dict[str, tuple[Partition, LocalOutlierFactor | None]] = {
+    rules: dict[str, tuple[_Partitioner, LocalOutlierFactor | None]] = {
         "trees (default)": (TreePartition(), None),
         DISTANCE: (DistancePartition(), None),
         FOUR: (TwoLevelPartition(), LocalOutlierFactor(4)),
@@ -196,7 +201,8 @@ def claims(results: dict[str, StudyResult], cost: dict[str, float]) -> tuple[Cla
         Claim(
             "It finds the right number of targets while they cross",
             "holds" if abs(during[FOUR]) < 0.1 else "does not hold",
-            f"from 45 to 56 s it is {during[FOUR]:+.2f} off, distance {during[DISTANCE]:+.2f}, DBSCAN {during[DBSCAN]:+.2f}, "
+            f"from 45 to 56 s it is {during[FOUR]:+.2f} off, distance {during[DISTANCE]:+.2f}, DBSCAN "
+            f"{during[DBSCAN]:+.2f}, "
             f"the default {during[DEFAULT]:+.2f}",
         ),
         Claim(
@@ -215,8 +221,10 @@ def claims(results: dict[str, StudyResult], cost: dict[str, float]) -> tuple[Cla
         Claim(
             "It takes little more time than DBSCAN, much less than the distance partition and k-means++",
             "holds" if cost[FOUR] < 0.5 * min(cost[DISTANCE], cost[KMEANS]) else "does not hold",
-            f"a scan takes {1e3 * cost[FOUR]:.0f} us with its outlier factor, DBSCAN {1e3 * cost[DBSCAN]:.0f}, k-means++ "
-            f"{1e3 * cost[KMEANS]:.0f}, and all distance partitions {1e3 * cost[DISTANCE]:.0f} by a spanning tree: only the "
+            f"a scan takes {1e3 * cost[FOUR]:.0f} us with its outlier factor, DBSCAN {1e3 * cost[DBSCAN]:.0f}, "
+            f"k-means++ "
+            f"{1e3 * cost[KMEANS]:.0f}, and all distance partitions {1e3 * cost[DISTANCE]:.0f} by a spanning tree: "
+            f"only the "
             "flood fill for every distance is slow",
         ),
     )
@@ -271,7 +279,7 @@ def draw_cells(seed: int, folder: Path, scene: ExtendedTargets) -> list[Picture]
     scores, kept = outliers.scores(values, noise=noise), outliers.fit_predict(values, noise=noise) >= 0
     figure = sheet(6, 4.2)
     ax = tidy(figure.subplots(), "x, m", "y, m", "local outlier factor, k = 4; crosses: above 2")
-    points = ax.scatter(*values[kept].T, c=scores[kept], s=18, cmap="viridis")
+    points = ax.scatter(values[kept, 0], values[kept, 1], c=scores[kept], s=18, cmap="viridis")
     ax.plot(*values[~kept].T, "x", color=COLOURS[1])
     figure.colorbar(points, ax=ax)
     out.append(save(figure, folder, "figure2", "Figure 2: local outlier factors of one scan"))

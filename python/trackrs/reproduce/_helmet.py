@@ -45,14 +45,16 @@ def reproduce(runs: int, seed: int, folder: Path, workers: int | None, progress:
     studies, spreads = {}, {}
     for step, (name, scene, psd) in enumerate((("turntable", table, 1.0), ("moving head", head, choice.psd))):
         progress(name, step, 2)
-        metrics = [PositionError(SETTLED), LeadError(first=SETTLED)]
-        studies[name] = Study(scene, filters(psd), metrics).run(runs, seed, workers=workers)
+        studies[name] = Study(scene, filters(psd), [PositionError(SETTLED), LeadError(first=SETTLED)]).run(
+            runs, seed, workers=workers
+        )
         spreads[name] = errors(scene, studies[name], seed)
     return Reproduction(
         name="helmet",
         paper=PAPER,
         summary=(
-            "Table 1 comes out as printed: prediction and estimate are as accurate as the measurement, because equation "
+            "Table 1 comes out as printed: prediction and estimate are as accurate as the measurement, because "
+            "equation "
             "(19) has the wrong sign. R falls to nothing, the gain becomes 1 and the estimate is the measurement. The "
             "same filter with fixed noise halves both errors on the turntable. On a head that moves, which the paper "
             "does not try, the printed noise rule predicts no better than holding the last measurement."
@@ -149,7 +151,8 @@ def claims(spreads: dict[str, dict[str, FloatArray]]) -> tuple[Claim, ...]:
         Claim(
             "The filter cannot be better than the measurement, because the noise is not Gaussian",
             "does not hold" if better < 0.9 else "holds",
-            f"the noise here is Gaussian and the estimate as printed has {same:.4f} of its spread: the sign of (19) makes "
+            f"the noise here is Gaussian and the estimate as printed has {same:.4f} of its spread: the sign of (19) "
+            f"makes "
             f"it so; with fixed noise it has {better:.2f}",
         ),
         Claim(

@@ -197,7 +197,8 @@ def claims(clean: dict[float, StudyResult], clutter: dict[float, StudyResult]) -
             "At 300 m NPDA holds three targets where JPDAF merges them (figures 3 and 4)",
             "holds" if picture else "does not hold",
             f"as pictures: all right in {right(wide, PRINTED):.0%} and {right(wide, JPDAF):.0%} of the runs, rms "
-            f"{rms[PRINTED]:.0f} m and {rms[JPDAF]:.0f} m; but this JPDAF gives every report to every target for certain",
+            f"{rms[PRINTED]:.0f} m and {rms[JPDAF]:.0f} m; but this JPDAF gives every report to every target for "
+            f"certain",
         ),
         Claim(
             "NPDA tracks close targets clearly better than JPDAF",
@@ -214,7 +215,8 @@ def claims(clean: dict[float, StudyResult], clutter: dict[float, StudyResult]) -
         Claim(
             "The probability of a false report is enough; how clutter is spread need not be known",
             "holds" if right(false, PRINTED) >= right(false, best) else "does not hold",
-            f"with one false report in ten all tracks are right in {right(false, PRINTED):.0%} of the runs, with moments "
+            f"with one false report in ten all tracks are right in {right(false, PRINTED):.0%} of the runs, with "
+            f"moments "
             f"{right(false, MOMENT):.0%}, with {best} {right(false, best):.0%}",
         ),
     )

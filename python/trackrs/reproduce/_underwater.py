@@ -62,7 +62,8 @@ def reproduce(runs: int, seed: int, folder: Path, workers: int | None, progress:
         name="underwater",
         paper=PAPER,
         summary=(
-            "The paper shows no numbers; its scheme is rebuilt from its text. The noise estimator as printed drives the "
+            "The paper shows no numbers; its scheme is rebuilt from its text. The noise estimator as printed drives "
+            "the "
             "motion noise to zero and loses every manoeuvring target. The test as printed rejects whole epochs, and "
             "after the first one locks itself out. With covariances added to the estimates (expectation maximisation), "
             "errors looked for one by one, and a restart, the scheme does what the paper says it does."
@@ -175,7 +176,8 @@ def claims(results: dict[tuple[str, float], StudyResult], power: dict[str, Float
         Claim(
             "The scheme withstands gross errors",
             "holds" if max(share[PRINTED]) < 0.05 else "does not hold",
-            f"as printed {share[PRINTED][0]:.0%} (BATS) and {share[PRINTED][1]:.0%} (TOSS) of the runs with 5 % gross errors "
+            f"as printed {share[PRINTED][0]:.0%} (BATS) and {share[PRINTED][1]:.0%} (TOSS) of the runs with 5 % gross "
+            f"errors "
             f"are lost, by its test alone {share[VECTOR][0]:.0%} and {share[VECTOR][1]:.0%}; by the default "
             f"{share[DEFAULT][0]:.0%} and {share[DEFAULT][1]:.0%}, median rms {np.median(rms['BATS']):.2f} and "
             f"{np.median(rms['TOSS']):.2f} m",
@@ -183,14 +185,17 @@ def claims(results: dict[tuple[str, float], StudyResult], power: dict[str, Float
         Claim(
             "Estimating the noise while tracking serves where motion and noise are uncertain",
             "holds" if max(noise) < 0.05 else "does not hold",
-            f"as printed Q goes to zero: {noise[0]:.0%} and {noise[1]:.0%} of the runs without gross errors are lost; with "
-            f"covariances added {clean[0]:.3f} and {clean[1]:.3f} m where the best fixed noise gives {tuned[0]:.3f} and "
+            f"as printed Q goes to zero: {noise[0]:.0%} and {noise[1]:.0%} of the runs without gross errors are lost; "
+            f"with "
+            f"covariances added {clean[0]:.3f} and {clean[1]:.3f} m where the best fixed noise gives {tuned[0]:.3f} "
+            f"and "
             f"{tuned[1]:.3f} m",
         ),
         Claim(
             "A single test has little power; tests should be accumulated over epochs",
             "holds in part" if sum_bias > single_bias and sum_spike < single_spike else "does not hold",
-            f"true of lasting errors (bias of 3 sigma: {single_bias:.0%} by the single test, {sum_bias:.0%} over ten epochs), "
+            f"true of lasting errors (bias of 3 sigma: {single_bias:.0%} by the single test, {sum_bias:.0%} over ten "
+            f"epochs), "
             f"false of isolated ones (5 sigma: {single_spike:.0%} and {sum_spike:.0%})",
         ),
         Claim(
@@ -204,7 +209,8 @@ def claims(results: dict[tuple[str, float], StudyResult], power: dict[str, Float
         Claim(
             "The computation is stable and fast",
             "holds in part",
-            f"by the default {1e3 * seconds:.1f} ms for 161 epochs, {seconds / 161 * 1e6:.0f} us each; stable it is not as "
+            f"by the default {1e3 * seconds:.1f} ms for 161 epochs, {seconds / 161 * 1e6:.0f} us each; stable it is "
+            f"not as "
             "printed",
         ),
     )
@@ -228,7 +234,7 @@ def pictures(
         run = runs[name]
         plan.plot(*run.means[:, :2].T, color=colour, linewidth=1, label=name)
         depth.plot(run.times, run.means[:, 2], color=colour, linewidth=1)
-    plan.plot(*scene.array.hydrophones[:, :2].T, "k^", markersize=5, label="hydrophones")
+    plan.plot(*np.asarray(scene.array.hydrophones)[:, :2].T, "k^", markersize=5, label="hydrophones")
     middle, half = recording.truth[:, :2].mean(axis=0), 0.75 * np.ptp(recording.truth[:, :2], axis=0).max()
     plan.set_xlim(middle[0] - half, middle[0] + half)
     plan.set_ylim(middle[1] - half, middle[1] + half)
