@@ -246,7 +246,7 @@ def pictures(
     innovations = plot_innovations(
         runs[DEFAULT], sensor=scene.array, values=recording.values, title="BATS, 5 % gross errors, default"
     )
-    out.append(save(innovations, folder, "innovations", "Innovations and verdicts of the same run"))
+    out.append(save(innovations[0].figure, folder, "innovations", "Innovations and verdicts of the same run"))
     figure = sheet(9, 3.6)
     for ax, array in zip(figure.subplots(1, 2, sharey=True), ("BATS", "TOSS"), strict=True):
         draw_over_time(ax, results[array, 0.05], "error", [PRINTED, VECTOR, NONE, DEFAULT])

@@ -144,7 +144,7 @@ class Shards:
         if self._file < 0:
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0))
         data = memoryview(part.to_bytes())
-        while len(data):
+        while data:
             data = data[os.write(self._file, data) :]
 
     def __enter__(self) -> Self:
