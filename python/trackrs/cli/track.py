@@ -6,7 +6,7 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import click
 import numpy as np
@@ -21,6 +21,8 @@ from trackrs.types import Tracks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
 
     from trackrs.config import Config
     from trackrs.io import Recording
@@ -162,7 +164,7 @@ def _draw(
         swap_axes=config.plot.swap_axes,
         title=title,
     )
-    axes.figure.savefig(file, format=plot.suffix[1:].lower())
+    cast("Figure", axes.figure).savefig(file, format=plot.suffix[1:].lower())
 
 
 def _summary(

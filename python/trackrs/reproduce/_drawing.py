@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from trackrs.plot._figure import require_matplotlib
 from trackrs.reproduce._records import Picture
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     from trackrs.study import Band, StudyResult
 
@@ -39,10 +39,10 @@ def tidy(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
     return ax
 
 
-def save(figure: Figure, folder: Path, name: str, title: str) -> Picture:
+def save(figure: Figure | SubFigure, folder: Path, name: str, title: str) -> Picture:
     """Keep a figure as PNG."""
     path = folder / f"{name}.png"
-    figure.savefig(path)
+    cast("Figure", figure).savefig(path)
     return Picture(title, path)
 
 
