@@ -149,7 +149,7 @@ def main() -> None:
             browser.window(1240, 1000)
             browser.open(page)
             browser.run("document.querySelector('details.tracks').open = false")
-            browser.run("(() => { const s = report.scenes[0], r = s.rowNow(6);"
+            browser.run("(() => { const s = report.scenes[0], r = s.rowNow(2);"
                         "s.tip([s.px(s.position[2 * r]), s.py(s.position[2 * r + 1])]); })()")  # fmt: skip
             browser.frame()
             picture = Image.open(io.BytesIO(browser.screenshot(1240, 1170))).convert("RGB")

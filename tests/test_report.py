@@ -389,6 +389,11 @@ def test_where_it_goes(tmp_path):
     assert Picture(tmp_path / "p.png", "nothing").kind == "image/png"
 
 
+def test_what_is_no_section():
+    with pytest.raises(tr.ParameterError, match=r"sections\[1\] is a str"):
+        page_of(Prose("words"), "words")
+
+
 def test_what_does_not_belong_together():
     tracks = tracks_of(course(3, 1), range(3), [1])
     line = tracks_of(course(3, 1)[:, :, [0, 2]], range(3), [1], labels=("x", "vx"))
@@ -604,6 +609,29 @@ def test_wheel_zooms_and_drag_pans(browser):
 
 
 @needs_browser
+def test_fingers(browser):
+    left, top, width, height = box_of(browser, "canvas")
+    middle = (left + width / 2, top + height / 2)
+    before = browser.run("report.scenes[0].scale")
+
+    def touch(kind, *points):
+        browser.send("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y} for x, y in points])
+
+    browser.send("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    for kind, apart in (("touchStart", 40.0), ("touchMove", 60.0), ("touchMove", 80.0)):
+        touch(kind, (middle[0] - apart, middle[1]), (middle[0] + apart, middle[1]))
+    touch("touchEnd")
+    browser.until(f"Math.abs(report.scenes[0].scale / {before} - 2) < 0.01")
+    row = browser.run("report.scenes[0].rowNow(0)")
+    x, y = browser.run(f"((s) => [s.px(s.position[{2 * row}]), s.py(s.position[{2 * row + 1}])])(report.scenes[0])")
+    browser.run(f"report.scenes[0].pan({width / 2} - {x}, {height / 2} - {y})")
+    touch("touchStart", middle)
+    touch("touchEnd")
+    browser.until("report.scenes[0].chosen === 0")
+    browser.send("Emulation.setTouchEmulationEnabled", enabled=False)
+
+
+@needs_browser
 def test_the_legend_switches(browser):
     assert browser.run("[...document.querySelectorAll('.legend label')].map((e) => e.textContent)") == [
         "Tracks",
@@ -691,7 +719,7 @@ def test_curves_set_the_clock(browser):
     box = box_of(browser, "svg.curves")
     browser.click(box[0] + box[2] / 2, box[1] + 80)
     assert 10 <= browser.run(SCAN) <= 19
-    shown = browser.run("[...document.querySelectorAll('.lines output')].map((e) => e.textContent)")
+    shown = browser.run("[...document.querySelectorAll('.lines b')].map((e) => e.textContent)")
     assert shown[0] == f"{5.0 + np.sin(browser.run(SCAN)):.3g}"
 
 
