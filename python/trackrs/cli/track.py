@@ -152,7 +152,7 @@ def _draw(
 ) -> None:
     from trackrs.plot import detection_positions, plot_tracks
 
-    figure = plot_tracks(
+    axes = plot_tracks(
         tracks,
         detections=detection_positions(recording.scans, config.sensors),
         truth=truth,
@@ -162,7 +162,7 @@ def _draw(
         swap_axes=config.plot.swap_axes,
         title=title,
     )
-    figure.savefig(file, format=plot.suffix[1:].lower())
+    axes.figure.savefig(file, format=plot.suffix[1:].lower())
 
 
 def _summary(

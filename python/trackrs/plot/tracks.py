@@ -73,7 +73,7 @@ def plot_tracks(
     labels: Sequence[str] = ("x (m)", "y (m)"),
     swap_axes: bool = False,
     ax: Axes | None = None,
-) -> Figure:
+) -> Axes:
     """Draw tracks from above: a line and an id for each, and 2-sigma ellipses at some of its scans.
 
     Args:
@@ -89,7 +89,7 @@ def plot_tracks(
         ax: draw here instead of in a new figure.
 
     Returns:
-        The figure.
+        The axes; `axes.figure.savefig("tracks.png")` keeps the picture.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
@@ -99,8 +99,10 @@ def plot_tracks(
         msg = "extents: these tracks have none"
         raise ParameterError(msg)
     shapes = tracks.extents if extents and tracks.extents is not None else tracks.covs
-    own = ax is None
-    ax = new_figure().add_subplot() if ax is None else ax
+    figure = None
+    if ax is None:
+        figure = new_figure()
+        ax = figure.add_subplot()
     right, up = (1, 0) if swap_axes else (0, 1)
     path = None if own_ship is None else np.asarray(own_ship, dtype=np.float64)
 
@@ -132,10 +134,9 @@ def plot_tracks(
     ax.set_xlabel(labels[right])
     ax.set_ylabel(labels[up])
     ax.set_title(title, loc="left", fontsize="medium")
-    figure: Any = ax.figure  # a subfigure, perhaps
-    if own:
+    if figure is not None:
         _fit(figure, ax)
-    return figure  # type: ignore[no-any-return]
+    return ax
 
 
 def _draw_track(ax: Axes, tracks: Tracks, shapes: FloatArray, rows: IntArray, colour: str, right: int, up: int) -> None:
