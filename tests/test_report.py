@@ -338,13 +338,22 @@ def test_table_of_tracks():
 
 
 def test_badges_and_numbers():
-    rows = [["holds", 1.23456], ["does not hold", 123456.789], ["<b>", 7], ["no", 1e-12]]
+    rows = [
+        ["holds", 1.23456],
+        ["does not hold", 123456.789],
+        ["<b>", 7],
+        ["no", 1e-12],
+        ["differs", 0],
+        ["", 0],
+        [None, 0],
+    ]
     reader = Reader(page_of(Table(["verdict", "value"], rows, verdict="verdict")))
     assert [attrs["class"].split() for attrs in reader.all("span") if "badge" in attrs.get("class", "")] == [
         ["badge", "good"],
         ["badge", "bad"],
         ["badge"],
         ["badge"],
+        ["badge", "bad"],
     ]
     assert {"1.235", "123457", "7", "<b>"} <= set(reader.texts)
 

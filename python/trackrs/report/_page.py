@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent / "page"
 SCRIPTS = ("data.js", "clock.js", "scene.js", "draw.js", "hands.js", "curves.js", "page.js")
 TRACK_COLUMNS = ("track", "first (s)", "last (s)", "scans", "reports", "mean speed (m/s)", "status")
-BADGES = {"holds": "good", "does not hold": "bad"}
+BADGES = {"holds": "good", "agrees": "good", "does not hold": "bad", "differs": "bad"}
 FEW = 4  # titled sections from which on the page begins with a list of them
 
 
@@ -172,7 +172,7 @@ def _grid(columns: Sequence[str], rows: str, name: str) -> str:
 
 
 def _cell(value: object, *, badge: bool = False, digits: int | None = None) -> str:
-    if badge:
+    if badge and value not in {None, ""}:
         kind = BADGES.get(str(value), "")
         return f'<td><span class="badge {kind}">{escape(str(value))}</span></td>'
     if value is None:
