@@ -95,7 +95,7 @@ def evaluate_sections(
         [f"false (m^{score.p:g})", result.false_tracks],
     ]
     scores: list[list[object]] = [
-        [f"mean {name} (m)", result.mean[metric]],
+        [f"mean {name} (m), {settings}", result.mean[metric]],
         *(parts if score.metric == "gospa" else []),
         ["all targets held (%)", 100.0 * result.all_held],
         ["switches", result.switches],
@@ -109,9 +109,7 @@ def evaluate_sections(
     heads = ["target", "scans present", "held", "fragments", "switches", "longest by one track (%)"]
     return [
         scene,
-        Curves(
-            [Line(name, result.times, result.series[metric])], title=f"{name} over time", y=f"{name} (m), {settings}"
-        ),
+        Curves([Line(name, result.times, result.series[metric])], title=f"{name} over time", y=f"{name} (m)"),
         Curves(counts, title="Targets and tracks", y="number"),
         Table(["score", "value"], scores, title="Scores"),
         Table(heads, targets, title="Targets"),

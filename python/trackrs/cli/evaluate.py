@@ -68,7 +68,7 @@ def evaluate(
         from trackrs.report import write_report
 
         sections = evaluate_sections(result, found, targets, config, table)
-        write_report(report, tracks.stem, sections, subtitle=f"{tracks.name} against {truth.name}")
+        write_report(report, f"{tracks.name} against {truth.name}", sections, subtitle=_scored(result, score))
     if as_json:
         print_json(_record(result, score) | {"report": None if report is None else str(report)})
     else:
@@ -98,11 +98,15 @@ def _record(result: Evaluation, score: ScoreConfig) -> dict[str, object]:
     }
 
 
-def _print(result: Evaluation, score: ScoreConfig, truth: Path, tracks: Path) -> None:
+def _scored(result: Evaluation, score: ScoreConfig) -> str:
     scans = f"{plural(len(result.times), 'scan')}{f' of {score.sensor}' if score.sensor else ''}"
     where = f", within {score.region:g} m of the platform" if score.region else ""
+    return f"{scans}, {result.times[0]:.6g} s to {result.times[-1]:.6g} s{where}"
+
+
+def _print(result: Evaluation, score: ScoreConfig, truth: Path, tracks: Path) -> None:
     alpha = f", alpha = {score.alpha:g}" if score.metric == "gospa" else ""
-    click.echo(f"{tracks} against {truth}: {scans}, {result.times[0]:.6g} s to {result.times[-1]:.6g} s{where}")
+    click.echo(f"{tracks} against {truth}: {_scored(result, score)}")
     mean = result.mean[score.make_metric()]
     click.echo(f"  {score.metric.upper():9}{mean:.2f} m on average (c = {score.c:g} m, p = {score.p:g}{alpha})")
     if score.metric == "gospa":

@@ -29,7 +29,12 @@ def comparison_html(comparison: Comparison) -> str:
             f'<tbody><tr class="metric"><th scope="rowgroup" colspan="5">{escape(metric)}</th></tr>{rows}'
             f'<tr class="scale"><td></td><td>{scale.axis()}</td><td colspan="3"></td></tr></tbody>'
         )
-    return f'<div class="wide" tabindex="0"><table><thead><tr>{columns}</tr></thead>{"".join(bodies)}</table></div>'
+    return f"{wide(comparison.title)}<table><thead><tr>{columns}</tr></thead>{''.join(bodies)}</table></div>"
+
+
+def wide(name: str) -> str:
+    """Return the beginning of a box that scrolls, with the keyboard too, where its table is wider than the page."""
+    return f'<div class="wide" tabindex="0" role="region" aria-label="{escape(name or "Table")}">'
 
 
 def number(value: object, digits: int | None = None) -> str:

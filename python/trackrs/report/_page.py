@@ -16,19 +16,18 @@ from string import Template
 from typing import IO, TYPE_CHECKING, Any
 
 from trackrs._trackrs import __version__
-from trackrs.report._compare import comparison_html, number
+from trackrs.errors import ParameterError
+from trackrs.report._compare import comparison_html, number, wide
 from trackrs.report._scene import packed, scene_data, track_rows
-from trackrs.report.sections import Comparison, Curves, Picture, Prose, Scene, Table, finite
+from trackrs.report.sections import Comparison, Curves, Picture, Scene, Section, Table, finite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from trackrs.report.sections import Section
-
 HERE = Path(__file__).parent / "page"
 SCRIPTS = ("data.js", "clock.js", "scene.js", "draw.js", "hands.js", "curves.js", "page.js")
 TRACK_COLUMNS = ("track", "first (s)", "last (s)", "scans", "reports", "mean speed (m/s)", "status")
-BADGES = {"holds": "good", "does not hold": "bad"}
+BADGES = {"holds": "good", "agrees": "good", "does not hold": "bad", "differs": "bad"}
 FEW = 4  # titled sections from which on the page begins with a list of them
 
 
@@ -44,6 +43,7 @@ def write_report(
         subtitle: a line below the title.
 
     Raises:
+        ParameterError: something is no section.
         TableError: the file cannot be written.
 
     Example:
@@ -84,25 +84,30 @@ def _page(title: str, subtitle: str, sections: Sequence[Section]) -> str:
     )
 
 
-def _section(index: int, section: Section, data: dict[str, list[Any]]) -> str:
+def _section(index: int, section: object, data: dict[str, list[Any]]) -> str:
+    if not isinstance(section, Section):
+        msg = f"sections[{index}] is a {type(section).__name__}, no section of a report"
+        raise ParameterError(msg)
     heading = f"<h2>{escape(section.title)}</h2>" if section.title else ""
-    kind, body = type(section).__name__.lower(), ""
+    kind = type(section).__name__.lower()
+    return f'<section class="{kind}" id="section-{index}">{heading}{_body(section, data)}</section>'
+
+
+def _body(section: Section, data: dict[str, list[Any]]) -> str:
     if isinstance(section, Scene):
-        body = _scene(section, data)
-    elif isinstance(section, Curves):
-        body = _curves(section, data)
-    elif isinstance(section, Comparison):
-        body = comparison_html(section)
-    elif isinstance(section, Table):
-        body = _table(section)
-    elif isinstance(section, Picture):
+        return _scene(section, data)
+    if isinstance(section, Curves):
+        return _curves(section, data)
+    if isinstance(section, Comparison):
+        return comparison_html(section)
+    if isinstance(section, Table):
+        return _table(section)
+    if isinstance(section, Picture):
         assert isinstance(section.source, bytes)  # noqa: S101 (read when it was made)
         source = base64.b64encode(section.source).decode("ascii")
-        body = f'<img src="data:{section.kind};base64,{source}" alt="{escape(section.alt)}">'
-    elif isinstance(section, Prose):
-        paragraphs = [part.strip() for part in section.text.split("\n\n")]
-        body = "".join(f"<p>{escape(part)}</p>" for part in paragraphs if part)
-    return f'<section class="{kind}" id="section-{index}">{heading}{body}</section>'
+        return f'<img src="data:{section.kind};base64,{source}" alt="{escape(section.alt)}">'
+    paragraphs = [part.strip() for part in section.text.split("\n\n")]
+    return "".join(f"<p>{escape(part)}</p>" for part in paragraphs if part)
 
 
 def _scene(scene: Scene, data: dict[str, list[Any]]) -> str:
@@ -114,7 +119,7 @@ def _scene(scene: Scene, data: dict[str, list[Any]]) -> str:
         place=place,
         name=escape(scene.title or "Tracks"),
         count=f"{len(rows)} track{'' if len(rows) == 1 else 's'}",
-        table=_grid(TRACK_COLUMNS, cells),
+        table=_grid(TRACK_COLUMNS, cells, "Tracks"),
     )
 
 
@@ -156,18 +161,18 @@ def _table(table: Table) -> str:
         + "</tr>"
         for row in table.rows
     )
-    return _grid(table.columns, rows)
+    return _grid(table.columns, rows, table.title)
 
 
-def _grid(columns: Sequence[str], rows: str) -> str:
+def _grid(columns: Sequence[str], rows: str, name: str) -> str:
     head = "".join(
         f'<th scope="col"><button type="button" class="sort">{escape(name)}</button></th>' for name in columns
     )
-    return f'<div class="wide" tabindex="0"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+    return f"{wide(name)}<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
 
 
 def _cell(value: object, *, badge: bool = False, digits: int | None = None) -> str:
-    if badge:
+    if badge and value not in {None, ""}:
         kind = BADGES.get(str(value), "")
         return f'<td><span class="badge {kind}">{escape(str(value))}</span></td>'
     if value is None:

@@ -115,7 +115,7 @@ def _rows_by_track(tracks: Tracks) -> dict[int, IntArray]:
 
 
 def _bounds(paths: list[FloatArray], found: list[FloatArray]) -> FloatArray:
-    """Lowest and highest coordinates (2, 2) of what the view opens on: tracks, truth and own ship; detections only where there is nothing else."""
+    """Lowest and highest coordinates (2, 2) of tracks, truth and own ship, else of the detections: what opens."""
     for choice in (paths, found):
         points = np.concatenate([*choice, np.zeros((0, 2))])
         points = points[~np.isnan(points).any(axis=1)]
@@ -146,6 +146,7 @@ def _gates(scene: Scene, motion: Motion) -> _Gates:
     Tracks keep what came after the reports, so the prediction is made again.
     """
     tracks = scene.tracks
+    means, states = finite(tracks.means), finite(tracks.covs)
     before = np.full(len(tracks), -1, dtype=np.int64)
     for rows in _rows_by_track(tracks).values():
         before[rows[1:]] = rows[:-1]
@@ -155,8 +156,8 @@ def _gates(scene: Scene, motion: Motion) -> _Gates:
     for k, dt in enumerate(steps.tolist()):
         rows = known[group == k]
         transition, noise = motion.transition(dt)[:2], motion.noise(dt)[:2, :2]
-        centres[rows] = tracks.means[before[rows]] @ transition.T
-        covs[rows] = transition @ tracks.covs[before[rows]] @ transition.T + noise
+        centres[rows] = means[before[rows]] @ transition.T
+        covs[rows] = transition @ states[before[rows]] @ transition.T + noise
     scan_of_row = np.repeat(np.arange(len(tracks.sensors)), np.diff(tracks.offsets))
     sensor_of_row = np.array(tracks.sensors, dtype=np.str_)[scan_of_row]
     for name, sensor in scene.sensors.items():

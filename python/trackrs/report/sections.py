@@ -213,8 +213,8 @@ class Table:
         columns: names.
         rows: one value per column; numbers are shown with four digits, None as a dash.
         title: heading of the section.
-        verdict: name of the column whose values are shown as badges: "holds" and "does not hold" have colours, any
-            other value has none.
+        verdict: name of the column whose values are shown as badges: "holds" and "does not hold", "agrees" and
+            "differs" have colours, any other value has none.
 
     Raises:
         ParameterError: a row is too short or long; `verdict` is no column.

@@ -59,7 +59,7 @@ class Curves {
 
   fillLegend() {
     this.values = this.lines.map((line) => {
-      const value = make('output');
+      const value = make('b');
       const sign = make('svg', { viewBox: '0 0 24 12', class: 'swatch', 'aria-hidden': 'true' },
         make('line', { x1: 0, x2: 24, y1: 6, y2: 6, class: `line c${line.place % 8}`, 'stroke-dasharray': this.dash(line) }));
       const input = make('input', { type: 'checkbox' });

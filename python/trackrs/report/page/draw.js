@@ -8,6 +8,7 @@ const SIGNS = [
   { d: 'M0 -4L4 3H-4Z', draw(c, x, y, r) { c.moveTo(x, y - r); c.lineTo(x + r, y + r); c.lineTo(x - r, y + r); c.closePath(); } },
 ];
 const SHORT_TAIL = 0.08; // of the run
+const BLOCK = 64; // scans whose tails are drawn anew at every scan; those before are part of what is still
 const NEAR = 2; // pixels between two points of a line that are both worth drawing
 const FONT = 'system-ui, sans-serif';
 
@@ -16,7 +17,12 @@ Object.assign(Scene.prototype, {
     const begun = performance.now();
     const { context: c, clock } = this;
     this.colours ??= colours();
-    if (this.stale) {
+    // Whole tails are long: all but the newest part is drawn once, until who is there or chosen changes.
+    const { offsets } = this;
+    const old = this.tail === 'whole' ? Math.floor(clock.scan / BLOCK) * BLOCK : 0;
+    const key = old > 0 ? `${old} ${this.chosen} ${this.track.subarray(offsets[clock.scan], offsets[clock.scan + 1])}` : '';
+    if (this.stale || key !== this.oldKey) {
+      [this.old, this.oldKey] = [old, key];
       this.drawStill(this.still.getContext('2d'));
       this.stale = false;
     }
@@ -76,6 +82,7 @@ Object.assign(Scene.prototype, {
       c.stroke();
       c.setLineDash([]);
     }
+    if (this.old > 0) this.eachTail((track, rows, last, alpha) => this.drawTail(c, track, rows, 0, this.oldPlace(rows), alpha));
     c.globalAlpha = 1;
   },
 
@@ -234,32 +241,47 @@ Object.assign(Scene.prototype, {
     c.ellipse(x, y, sigmas * found.major * this.scale, sigmas * found.minor * this.scale, -found.angle, 0, 2 * Math.PI);
   },
 
-  drawTracks(c) {
-    const now = [];
-    const others = this.chosen < 0 ? 1 : 0.3;
+  /** How strongly a track is drawn: the others step back behind one that is chosen. */
+  weight(track) {
+    return this.chosen < 0 || track === this.chosen ? 1 : 0.3;
+  },
+
+  /** Calls back for every tail that is shown, with the place of its last row. */
+  eachTail(act) {
+    if (this.tail === 'none' || !this.shown.has('tracks')) return;
     this.rowsOf.forEach((rows, track) => {
       const last = this.placeIn(rows);
-      if (last < 0) return;
-      const row = rows[last];
-      const alive = this.scanOfRow[row] === this.clock.scan;
-      const weight = track === this.chosen ? 1 : others;
-      if (alive) now.push({ track, row, weight });
-      if (this.tail !== 'none' && this.shown.has('tracks') && (alive || this.tail === 'whole')) {
-        this.drawTail(c, track, rows, last, weight * (alive ? 0.9 : 0.45));
-      }
+      const alive = last >= 0 && this.scanOfRow[rows[last]] === this.clock.scan;
+      if (alive || (last >= 0 && this.tail === 'whole')) act(track, rows, last, this.weight(track) * (alive ? 0.9 : 0.45));
     });
+  },
+
+  /** Where in the rows of a track the part that is drawn once ends; -1 if it has none. */
+  oldPlace(rows) {
+    return this.old > 0 ? lastAtMost(rows, this.offsets[this.old + 1] - 1) : -1;
+  },
+
+  drawTracks(c) {
+    this.eachTail((track, rows, last, alpha) => {
+      let first = Math.max(this.oldPlace(rows), 0);
+      if (this.tail === 'short') {
+        const since = this.clock.time - SHORT_TAIL * this.clock.duration;
+        first = last;
+        while (first > 0 && this.times[this.scanOfRow[rows[first - 1]]] >= since) first -= 1;
+      }
+      this.drawTail(c, track, rows, first, last, alpha);
+    });
+    const now = [];
+    for (let row = this.offsets[this.clock.scan]; row < this.offsets[this.clock.scan + 1]; row += 1) {
+      now.push({ track: this.track[row], row, weight: this.weight(this.track[row]) });
+    }
     for (const each of now) this.drawRow(c, each);
     c.globalAlpha = 1;
     if (this.shown.has('names')) this.drawNames(c, now);
   },
 
-  drawTail(c, track, rows, last, alpha) {
-    let first = 0;
-    if (this.tail === 'short') {
-      const since = this.clock.time - SHORT_TAIL * this.clock.duration;
-      first = last;
-      while (first > 0 && this.times[this.scanOfRow[rows[first - 1]]] >= since) first -= 1;
-    }
+  drawTail(c, track, rows, first, last, alpha) {
+    if (last <= first) return;
     c.beginPath();
     this.trace(c, this.position, first, last, rows);
     c.globalAlpha = alpha;
@@ -278,10 +300,12 @@ Object.assign(Scene.prototype, {
     if (this.extent && this.shown.has('extents')) {
       const [xx, xy, yy] = this.extent.subarray(3 * row, 3 * row + 3);
       this.oval(c, x, y, ellipse(xx, xy, yy), 2);
-      c.globalAlpha = 0.18 * weight;
+      c.globalAlpha = 0.1 * weight;
       c.fill();
-      c.globalAlpha = 0.8 * weight;
+      c.globalAlpha = weight;
+      c.lineWidth = 2;
       c.stroke();
+      c.lineWidth = 1;
     }
     if (this.gate && this.shown.has('gates')) {
       const [gateX, gateY, xx, xy, yy] = this.gate.subarray(5 * row, 5 * row + 5);
