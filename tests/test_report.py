@@ -160,6 +160,19 @@ def every_section():
     ]
 
 
+def test_a_long_list_of_contents_has_the_texts_only():
+    def listed(count):
+        chapters = [Table(["a"], [[1]], title="all")]
+        for k in range(count):
+            chapters += [Prose("text", title=f"chapter {k}"), Table(["a"], [[k]], title=f"numbers {k}")]
+        page = io.StringIO()
+        write_report(page, "book", chapters)
+        return re.findall(r'<li><a href="#section-\d+">([^<]+)</a>', page.getvalue())
+
+    assert listed(2) == ["all", "chapter 0", "numbers 0", "chapter 1", "numbers 1"]
+    assert listed(7) == ["all", *(f"chapter {k}" for k in range(7))]
+
+
 def test_the_page_is_whole():
     page = page_of(*every_section(), subtitle="below")
     reader = Reader(page)

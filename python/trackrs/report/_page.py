@@ -29,6 +29,7 @@ SCRIPTS = ("data.js", "clock.js", "scene.js", "draw.js", "hands.js", "curves.js"
 TRACK_COLUMNS = ("track", "first (s)", "last (s)", "scans", "reports", "mean speed (m/s)", "status")
 BADGES = {"holds": "good", "agrees": "good", "does not hold": "bad", "differs": "bad"}
 FEW = 4  # titled sections from which on the page begins with a list of them
+MANY = 12  # and from which on the list has only the first one and the texts, if there are titled ones
 
 
 def write_report(
@@ -66,7 +67,11 @@ def _page(title: str, subtitle: str, sections: Sequence[Section]) -> str:
     data: dict[str, list[Any]] = {"scenes": [], "curves": []}
     body = [_section(k, section, data) for k, section in enumerate(sections)]
     titled = [(k, section.title) for k, section in enumerate(sections) if section.title]
-    links = "".join(f'<li><a href="#section-{k}">{escape(name)}</a></li>' for k, name in titled)
+    texts = [entry for entry in titled if isinstance(sections[entry[0]], Prose)]
+    listed = titled
+    if len(titled) > MANY and len(texts) > 1:
+        listed = [entry for entry in titled if entry == titled[0] or entry in texts]
+    links = "".join(f'<li><a href="#section-{k}">{escape(name)}</a></li>' for k, name in listed)
     style = _text("page.css")
     # The parts share one scope, and nothing but `window.report` is seen from outside.
     script = "(() => {\n'use strict';\n" + "\n".join(_text(name) for name in SCRIPTS) + "\n})();\n"
