@@ -19,7 +19,7 @@ from trackrs._trackrs import __version__
 from trackrs.errors import ParameterError
 from trackrs.report._compare import comparison_html, number, wide
 from trackrs.report._scene import packed, scene_data, track_rows
-from trackrs.report.sections import Comparison, Curves, Picture, Scene, Section, Table, finite
+from trackrs.report.sections import Comparison, Curves, Picture, Prose, Scene, Section, Table, finite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
