@@ -21,6 +21,7 @@ __all__ = [
     "Partitioner",
     "Sensor",
     "Study",
+    "TrackBatch",
     "Tracker",
     "Turning",
     "Underwater",
@@ -54,6 +55,7 @@ __all__ = [
     "rotation_turned",
     "rotation_vectors",
     "score_tracks",
+    "simd_levels",
     "smooth",
     "start_state",
     "study_columns",
@@ -475,3 +477,17 @@ def score_tracks(
     ids: NDArray[np.uint64],
     positions: _Array,
 ) -> _Array: ...
+
+@final
+class TrackBatch:
+    def __new__(
+        cls, filter: Filter, time: float, means: _Array, covs: _Array, threads: int | None
+    ) -> TrackBatch: ...
+    def time(self) -> float: ...
+    def in_lanes(self) -> bool: ...
+    def means(self) -> _Array: ...
+    def covs(self) -> _Array: ...
+    def failures(self) -> NDArray[np.uint64]: ...
+    def run(self, times: _Array, values: _Array, means: bool, covs: bool, nis: bool) -> dict[str, Any]: ...
+
+def simd_levels() -> list[str]: ...

@@ -1,0 +1,132 @@
+//! Tracks in lanes, whatever their dimensions: one kernel for every number of axes and derivatives up to three.
+
+use std::fmt::Debug;
+
+use super::Level;
+use super::block::{Block, LANES};
+use super::kinematic::{Outputs, Step, Work};
+
+/// Per pair of blocks and axis; see [`Step::noise`]. Axes beyond those of the motion do not count.
+pub(crate) type AxisNoise = [[f64; 3]; 6];
+
+/// A step of any number of axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct RawStep {
+    pub(crate) dt: f64,
+    pub(crate) noise: AxisNoise,
+}
+
+/// Some tracks.
+pub(crate) trait Lanes: Debug + Send + Sync {
+    /// Puts a track in its place; the covariance row by row.
+    fn set(&mut self, track: usize, mean: &[f64], cov: &[f64]);
+    /// Reads a track.
+    fn get(&self, track: usize, mean: &mut [f64], cov: &mut [f64]);
+    /// Takes in measurements; see [`Work`].
+    #[allow(clippy::too_many_arguments)]
+    fn advance(
+        &mut self,
+        steps: &[RawStep],
+        sensor: &[f64],
+        values: &[f64],
+        out: Outputs<'_>,
+        failures: &mut [u64],
+        level: Level,
+        threads: usize,
+    );
+}
+
+/// So many tracks of a motion with D axes and K blocks; `None` for more than three of either.
+pub(crate) fn lanes(dims: usize, order: usize, tracks: usize) -> Option<Box<dyn Lanes>> {
+    Some(match (dims, order) {
+        (1, 1) => Box::new(Tracks::<1, 1, 1, 1>::new(tracks)),
+        (1, 2) => Box::new(Tracks::<1, 2, 2, 3>::new(tracks)),
+        (1, 3) => Box::new(Tracks::<1, 3, 3, 6>::new(tracks)),
+        (2, 1) => Box::new(Tracks::<2, 1, 2, 3>::new(tracks)),
+        (2, 2) => Box::new(Tracks::<2, 2, 4, 10>::new(tracks)),
+        (2, 3) => Box::new(Tracks::<2, 3, 6, 21>::new(tracks)),
+        (3, 1) => Box::new(Tracks::<3, 1, 3, 6>::new(tracks)),
+        (3, 2) => Box::new(Tracks::<3, 2, 6, 21>::new(tracks)),
+        (3, 3) => Box::new(Tracks::<3, 3, 9, 45>::new(tracks)),
+        _ => return None,
+    })
+}
+
+#[derive(Debug)]
+struct Tracks<const D: usize, const K: usize, const N: usize, const PN: usize> {
+    blocks: Vec<Block<N, PN>>,
+    tracks: usize,
+}
+
+impl<const D: usize, const K: usize, const N: usize, const PN: usize> Tracks<D, K, N, PN> {
+    fn new(tracks: usize) -> Self {
+        Self {
+            blocks: vec![Block::padding(); tracks.div_ceil(LANES)],
+            tracks,
+        }
+    }
+}
+
+impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for Tracks<D, K, N, PN> {
+    fn set(&mut self, track: usize, mean: &[f64], cov: &[f64]) {
+        self.blocks[track / LANES].set(track % LANES, mean, cov);
+    }
+
+    fn get(&self, track: usize, mean: &mut [f64], cov: &mut [f64]) {
+        self.blocks[track / LANES].get(track % LANES, mean, cov);
+    }
+
+    fn advance(
+        &mut self,
+        steps: &[RawStep],
+        sensor: &[f64],
+        values: &[f64],
+        out: Outputs<'_>,
+        failures: &mut [u64],
+        level: Level,
+        threads: usize,
+    ) {
+        let Some(arch) = level.arch() else { return };
+        let axes = |all: [f64; 3]| std::array::from_fn(|axis| all[axis]);
+        let steps: Vec<Step<D>> = steps
+            .iter()
+            .map(|step| Step {
+                dt: step.dt,
+                noise: step.noise.map(axes),
+            })
+            .collect();
+        let noise: [f64; D] = std::array::from_fn(|axis| sensor[axis]);
+        let share = self.blocks.len().div_ceil(threads.max(1)).max(1);
+        let rows = share * LANES * steps.len();
+        // Chunks of what is not wanted are empty, as many as there are shares.
+        let mut means = out.means.chunks_mut((rows * N).max(1));
+        let mut covs = out.covs.chunks_mut((rows * N * N).max(1));
+        let mut nis = out.nis.chunks_mut(rows.max(1));
+        let values = values.chunks((rows * D).max(1));
+        let counts = failures.chunks_mut(share * LANES);
+        let tracks = self.tracks;
+        let work = self.blocks.chunks_mut(share).zip(values).zip(counts).enumerate();
+        let work = work.map(|(k, ((blocks, values), failures))| Work::<D, K, N, PN> {
+            tracks: (tracks - k * share * LANES).min(share * LANES),
+            blocks,
+            steps: &steps,
+            sensor: &noise,
+            values,
+            out: Outputs {
+                means: means.next().unwrap_or_default(),
+                covs: covs.next().unwrap_or_default(),
+                nis: nis.next().unwrap_or_default(),
+            },
+            failures,
+        });
+        if threads <= 1 {
+            work.for_each(|work| arch.dispatch(work));
+            return;
+        }
+        std::thread::scope(|scope| {
+            for work in work {
+                scope.spawn(move || arch.dispatch(work));
+            }
+        });
+    }
+}
