@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import association, geodesy, rotation, scenarios
+    from trackrs import association, geodesy, report, rotation, scenarios, study
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
     from trackrs.association import (
         JIPDA,
@@ -90,6 +90,7 @@ if TYPE_CHECKING:
     )
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.study import Study
     from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
     from trackrs.types import (
@@ -188,6 +189,7 @@ __all__ = [
     "Spawn",
     "StateError",
     "StrictError",
+    "Study",
     "TargetScore",
     "TimeError",
     "Track",
@@ -217,14 +219,16 @@ __all__ = [
     "nis",
     "ospa",
     "regularise",
+    "report",
     "rmse",
     "rotation",
     "scenarios",
     "start_state",
+    "study",
     "whiteness",
 ]
 
-_MODULES = ("association", "geodesy", "rotation", "scenarios")
+_MODULES = ("association", "geodesy", "report", "rotation", "scenarios", "study")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = (
@@ -241,6 +245,7 @@ _HOMES = (
     "phd",
     "pose",
     "sensor",
+    "study",
     "timing",
     "tracker",
     "types",

@@ -20,7 +20,9 @@ __all__ = [
     "OutlierFilter",
     "Partitioner",
     "Sensor",
+    "Study",
     "Tracker",
+    "Turning",
     "Underwater",
     "__version__",
     "apply_similarity",
@@ -51,8 +53,10 @@ __all__ = [
     "rotation_quaternions",
     "rotation_turned",
     "rotation_vectors",
+    "score_tracks",
     "smooth",
     "start_state",
+    "study_columns",
     "whiteness",
 ]
 
@@ -442,3 +446,32 @@ class Underwater:
 
 def reference_course() -> dict[str, Any]: ...
 def reference_hydrophones() -> dict[str, Any]: ...
+
+@final
+class Turning:
+    @staticmethod
+    def make(rate: float, swings: Sequence[Sequence[float]], period: float, samples: int, std: float) -> Turning: ...
+    def times(self) -> _Array: ...
+    def truth(self, times: _Array) -> _Array: ...
+    def draw(self, seed: int, run: int) -> dict[str, Any]: ...
+
+@final
+class Study:
+    def __new__(
+        cls,
+        scene: CloseTargets | ExtendedTargets | Underwater | Turning,
+        scan_size: int,
+        methods: Sequence[tuple[str, Tracker | IntensityTracker | Filter]],
+        items: Sequence[tuple[str, Sequence[float], int]],
+    ) -> Study: ...
+    def times(self) -> _Array: ...
+    def run(self, seed: int, first: int, runs: int) -> dict[str, Any]: ...
+
+def study_columns(items: Sequence[tuple[str, Sequence[float], int]]) -> list[tuple[str, str]]: ...
+def score_tracks(
+    items: Sequence[tuple[str, Sequence[float], int]],
+    truth: _Array,
+    offsets: Sequence[int],
+    ids: NDArray[np.uint64],
+    positions: _Array,
+) -> _Array: ...

@@ -9,6 +9,7 @@ import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import array, frozen
+from trackrs._value import Value
 from trackrs.adaptive import ResidualNoise
 from trackrs.errors import DimensionError, ParameterError, TimeError
 from trackrs.types import FilterRun, GaussianState, Update, freeze_columns
@@ -29,7 +30,7 @@ Lead: TypeAlias = "float | ArrayLike | Literal['midpoint'] | None"
 
 
 @dataclass(frozen=True, slots=True)
-class _SequenceFilter:
+class _SequenceFilter(Value):
     """One motion, one sensor, one target."""
 
     motion: Motion

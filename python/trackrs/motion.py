@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, array, frozen, per_axis
+from trackrs._value import Value
 from trackrs.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(Value):
     """What all motion models share."""
 
     _core: _trackrs.Motion = field(init=False, repr=False, compare=False)

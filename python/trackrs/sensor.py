@@ -9,6 +9,7 @@ import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, array, frozen, frozen_array, per_axis
+from trackrs._value import Value
 from trackrs.errors import DimensionError, ParameterError
 from trackrs.types import Fix, freeze_columns
 
@@ -21,7 +22,7 @@ Side = Literal["above", "below"]
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class Sensor(Value):
     """What all sensors share."""
 
     _core: _trackrs.Sensor = field(init=False, repr=False, compare=False)

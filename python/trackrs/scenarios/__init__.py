@@ -18,9 +18,11 @@ from trackrs.scenarios._extended_targets import (
     extended_targets,
     parallel,
 )
+from trackrs.scenarios._turning import Angles, Turning, moving_head, turntable
 from trackrs.scenarios._underwater import Course, Leg, Recording, Underwater, underwater
 
 __all__ = [
+    "Angles",
     "Blob",
     "CloseReports",
     "CloseTargets",
@@ -34,10 +36,13 @@ __all__ = [
     "Recording",
     "Rectangle",
     "Shape",
+    "Turning",
     "Underwater",
     "close_targets",
     "crossing",
     "extended_targets",
+    "moving_head",
     "parallel",
+    "turntable",
     "underwater",
 ]

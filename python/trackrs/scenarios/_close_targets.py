@@ -9,6 +9,8 @@ import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, IntArray, frozen
+from trackrs.errors import ParameterError
+from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number
 from trackrs.sensor import RangeBearing
 from trackrs.types import GaussianState, Scan, freeze_columns
@@ -22,14 +24,20 @@ class CloseReports:
         times: (T,) seconds.
         values: (T, 2) range and bearing, metres and radians.
         origins: (T,) the target each report is of; -1 = false.
+        scan_size: reports that are one scan, as the scenario has it.
     """
 
     times: FloatArray
     values: FloatArray
     origins: IntArray
+    scan_size: int = 1
 
-    def scans(self, size: int = 1) -> list[Scan]:
-        """Return the reports as scans of `size` reports each, which keep their own times; sensor "radar"."""
+    def scans(self, size: int | None = None) -> list[Scan]:
+        """Return the reports as scans of `size` reports each (None: `scan_size`), which keep their own times.
+
+        Their sensor is "radar".
+        """
+        size = self.scan_size if size is None else size
         return [
             Scan(times[-1], self.values[k : k + size], "radar", times=times if size > 1 else None)
             for k in range(0, len(self.times), size)
@@ -38,7 +46,7 @@ class CloseReports:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CloseTargets:
+class CloseTargets(Recalled):
     """Targets side by side, reported one at a time; see `close_targets`, which makes it.
 
     Attributes:
@@ -48,6 +56,7 @@ class CloseTargets:
         initial: what a filter is told of each target at time 0.
         clutter_area: area that false reports are spread over, square metres, centred on the targets at all times. Their
             density at range r is r / area per metre and radian.
+        scan_size: reports that are one scan.
     """
 
     radar: RangeBearing
@@ -55,6 +64,7 @@ class CloseTargets:
     truth: FloatArray
     initial: tuple[GaussianState, ...]
     clutter_area: float
+    scan_size: int
     _core: _trackrs.CloseTargets = field(repr=False)
 
     def draw(self, seed: int, run: int = 0) -> CloseReports:
@@ -64,9 +74,10 @@ class CloseTargets:
             ParameterError: `seed` or `run` is no such number.
         """
         out: dict[str, Any] = self._core.draw(stream_number("seed", seed), stream_number("run", run))
-        return CloseReports(times=self.times, **freeze_columns(out))
+        return CloseReports(times=self.times, scan_size=self.scan_size, **freeze_columns(out))
 
 
+@remembered
 def close_targets(
     targets: int = 3,
     separation: float = 300.0,
@@ -75,6 +86,7 @@ def close_targets(
     interval: float = 3.0,
     order: Literal["cyclic", "boustrophedon", "random"] = "cyclic",
     clutter: float = 0.0,
+    scan_size: int = 1,
 ) -> CloseTargets:
     """Return the scenario of the NPDA paper: targets side by side at 100 m/s, reported one at a time by a radar.
 
@@ -89,6 +101,7 @@ def close_targets(
         order: whose turn it is: 0 1 2 0 1 2, or 0 1 2 2 1 0, or any.
         clutter: probability that a report is false, whoever's turn it is; false reports are uniform over an area that
             goes with the targets, 1000 m ahead and behind, 500 m beyond the outer ones.
+        scan_size: reports that `scans` and studies take for one scan.
 
     Raises:
         ParameterError: a parameter is outside its domain.
@@ -112,6 +125,9 @@ def close_targets(
         >>> tracks.means[tracks.offsets[-2] :].shape, scene.truth.shape
         ((3, 4), (60, 3, 4))
     """
+    if scan_size < 1:
+        msg = f"scan_size = {scan_size} is invalid: must be at least 1"
+        raise ParameterError(msg)
     core = _trackrs.CloseTargets.make(targets, separation, reports, interval, order, clutter)
     range_std, bearing_std = core.noise()
     return CloseTargets(
@@ -120,5 +136,6 @@ def close_targets(
         truth=frozen(core.truth().reshape(reports, targets, 4)),
         initial=tuple(GaussianState(mean, np.diag(variances)) for mean, variances in core.initial()),
         clutter_area=core.clutter_area(),
+        scan_size=scan_size,
         _core=core,
     )

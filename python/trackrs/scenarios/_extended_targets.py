@@ -13,6 +13,7 @@ from trackrs._arrays import FloatArray, IntArray, array, frozen, per_axis
 from trackrs.errors import DimensionError, ParameterError
 from trackrs.metric import Truth
 from trackrs.motion import ConstantVelocity
+from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number
 from trackrs.sensor import PositionSensor
 from trackrs.types import GaussianState, Scan
@@ -120,7 +121,7 @@ class ExtendedDetections:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExtendedTargets:
+class ExtendedTargets(Recalled):
     """Extended targets in clutter; see `extended_targets`, which makes it, and `crossing` and `parallel`.
 
     Attributes:
@@ -166,6 +167,7 @@ class ExtendedTargets:
         )
 
 
+@remembered
 def extended_targets(
     targets: Sequence[ExtendedTarget],
     *,
@@ -250,6 +252,7 @@ def extended_targets(
     )
 
 
+@remembered
 def crossing(
     shapes: Shape | Sequence[Shape] = Blob(),
     *,
@@ -291,6 +294,7 @@ def crossing(
     return _reference(out, kinds, clutter, detection_probability)
 
 
+@remembered
 def parallel(
     spacing: float = 80.0,
     shapes: Shape | Sequence[Shape] = Blob(),

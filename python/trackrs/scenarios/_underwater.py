@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, frozen
 from trackrs.errors import ParameterError
+from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number
 from trackrs.sensor import RangeArray
 from trackrs.types import freeze_columns
@@ -89,7 +90,7 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Underwater:
+class Underwater(Recalled):
     """A vessel heard by hydrophones; see `underwater`, which makes it.
 
     Attributes:
@@ -114,6 +115,7 @@ class Underwater:
         return Recording(times=self.times, **freeze_columns(out))
 
 
+@remembered
 def underwater(
     array: Literal["bats", "toss"] | RangeArray = "bats",
     *,

@@ -32,7 +32,7 @@ const START_CHUNK: usize = 256;
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Filter {
-    filter: sequence::Filter,
+    pub(crate) filter: sequence::Filter,
 }
 
 /// Mean and covariance.

@@ -21,6 +21,7 @@ mod scans;
 mod sim;
 mod smoother;
 mod stats;
+mod study;
 mod tracker;
 
 #[pyo3::pymodule]
@@ -52,13 +53,15 @@ mod _trackrs {
     };
     #[pymodule_export]
     use crate::sim::{
-        CloseTargets, ExtendedTargets, Underwater, crossing_targets, parallel_targets, reference_course,
+        CloseTargets, ExtendedTargets, Turning, Underwater, crossing_targets, parallel_targets, reference_course,
         reference_hydrophones,
     };
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]
     use crate::stats::{chi_square_quantile, regularise};
+    #[pymodule_export]
+    use crate::study::{Study, score_tracks, study_columns};
     #[pymodule_export]
     use crate::tracker::Tracker;
 

@@ -29,7 +29,7 @@ use crate::tracker::{filter, small};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct IntensityTracker {
-    inner: Mutex<PhdTracker>,
+    pub(crate) inner: Mutex<PhdTracker>,
 }
 
 /// Tracks of scans, and the expected number of targets after each.

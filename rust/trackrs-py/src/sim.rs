@@ -1,7 +1,7 @@
 //! Scenarios.
 
 use nalgebra::DMatrix;
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use trackrs::Error;
 use trackrs::model::{Sensor as _, SensorModel};
@@ -9,6 +9,7 @@ use trackrs::sim::close_targets::{self, CloseTargetsSettings, Order};
 use trackrs::sim::course::{Course, Leg};
 use trackrs::sim::extended_targets::{self, ExtendedTarget, ExtendedTargetsSettings};
 use trackrs::sim::shape::Shape;
+use trackrs::sim::turning::{self, TurningSettings};
 use trackrs::sim::underwater::{self, Truth, UnderwaterSettings, bats_hydrophones, toss_hydrophones};
 
 use crate::array;
@@ -17,7 +18,7 @@ use crate::model::Sensor;
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Underwater {
-    core: underwater::Underwater,
+    pub(crate) core: underwater::Underwater,
 }
 
 /// What a run recorded.
@@ -136,8 +137,7 @@ pub(crate) fn reference_hydrophones(py: Python<'_>) -> PyResult<Hydrophones<'_>>
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct CloseTargets {
-    core: close_targets::CloseTargets,
-    settings: CloseTargetsSettings,
+    pub(crate) core: close_targets::CloseTargets,
 }
 
 /// What a run reported; origin −1 = false.
@@ -178,7 +178,7 @@ impl CloseTargets {
                 clutter,
             };
             let core = close_targets::CloseTargets::new(settings)?;
-            Ok(Self { core, settings })
+            Ok(Self { core })
         })
     }
 
@@ -189,12 +189,13 @@ impl CloseTargets {
     }
 
     fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_iter(py, (0..self.settings.reports).map(|k| self.core.time(k)))
+        PyArray1::from_iter(py, (0..self.core.settings().reports).map(|k| self.core.time(k)))
     }
 
     /// Target after target at each time, (T N)×4.
     fn truth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let pairs = (0..self.settings.reports).flat_map(|k| (0..self.settings.targets).map(move |i| (k, i)));
+        let pairs =
+            (0..self.core.settings().reports).flat_map(|k| (0..self.core.settings().targets).map(move |i| (k, i)));
         let states: Vec<_> = pairs.map(|(k, i)| self.core.truth(i, self.core.time(k))).collect();
         array::from_rows(py, states.iter(), 4)
     }
@@ -205,7 +206,7 @@ impl CloseTargets {
             let start = self.core.initial(i);
             array::from_rows(py, [&start.mean, &start.cov.diagonal()].into_iter(), 4)
         };
-        (0..self.settings.targets).map(of).collect()
+        (0..self.core.settings().targets).map(of).collect()
     }
 
     fn clutter_area(&self) -> f64 {
@@ -284,7 +285,7 @@ pub(crate) fn parallel_targets(
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct ExtendedTargets {
-    core: extended_targets::ExtendedTargets,
+    pub(crate) core: extended_targets::ExtendedTargets,
 }
 
 /// What a run detects, scan after scan; scan k has rows `offsets[k]` to `offsets[k + 1]`, origin −1 = clutter.
@@ -386,6 +387,53 @@ impl ExtendedTargets {
             values: PyArray1::from_vec(py, values).reshape([origins.len(), 2])?,
             origins: PyArray1::from_iter(py, origins.into_iter().map(origin)),
             offsets,
+        })
+    }
+}
+
+#[pyclass(frozen, module = "trackrs._trackrs")]
+pub(crate) struct Turning {
+    pub(crate) core: turning::Turning,
+}
+
+/// Mean and variances that a filter begins with, and what it is fed.
+#[derive(IntoPyObject)]
+pub(crate) struct Angles<'py> {
+    mean: Bound<'py, PyArray1<f64>>,
+    cov: Bound<'py, PyArray2<f64>>,
+    values: Bound<'py, PyArray1<f64>>,
+}
+
+#[pymethods]
+impl Turning {
+    #[staticmethod]
+    fn make(py: Python<'_>, rate: f64, swings: Vec<[f64; 2]>, period: f64, samples: i64, std: f64) -> PyResult<Self> {
+        let core = compute(py, || {
+            turning::Turning::new(TurningSettings {
+                rate,
+                swings,
+                period,
+                samples: count("samples", samples)?,
+                std,
+            })
+        })?;
+        Ok(Self { core })
+    }
+
+    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.core.times())
+    }
+
+    fn truth<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, times.as_array().iter().map(|&time| self.core.truth(time)))
+    }
+
+    fn draw<'py>(&self, py: Python<'py>, seed: u64, run: u64) -> PyResult<Angles<'py>> {
+        let out = compute(py, || Ok(self.core.draw(seed, run)))?;
+        Ok(Angles {
+            mean: array::from_vector(py, &out.initial.state.mean),
+            cov: array::from_matrix(py, &out.initial.state.cov)?,
+            values: PyArray1::from_vec(py, out.values),
         })
     }
 }

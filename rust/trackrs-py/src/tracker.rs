@@ -24,7 +24,7 @@ use crate::scans::{Columns, EventRecord, LedgerRecord, ScanArrays, counts, each,
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Tracker {
-    inner: Mutex<MultiTargetTracker>,
+    pub(crate) inner: Mutex<MultiTargetTracker>,
 }
 
 /// An initiator of the facade, one kind or the other.

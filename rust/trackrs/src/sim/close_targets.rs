@@ -101,6 +101,11 @@ impl CloseTargets {
         Ok(Self { settings, radar })
     }
 
+    /// What it is made of.
+    pub fn settings(&self) -> &CloseTargetsSettings {
+        &self.settings
+    }
+
     /// Who reports.
     pub fn radar(&self) -> &RangeBearing {
         &self.radar

@@ -1,0 +1,300 @@
+"""Monte-Carlo studies: a scenario, several methods, several metrics, many runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+
+from trackrs import _trackrs
+from trackrs._arrays import FloatArray, array, frozen
+from trackrs._value import Value, digest
+from trackrs.errors import DimensionError, ParameterError, StateError
+from trackrs.filter import _SequenceFilter
+from trackrs.phd import _IntensityFilter
+from trackrs.scenarios import CloseTargets, ExtendedTargets, Turning, Underwater
+from trackrs.scenarios._stream import stream_number
+from trackrs.study._engines import dask, local, processors
+from trackrs.study._metrics import Metric, item
+from trackrs.study._result import Column, StudyResult, result_of
+from trackrs.study._shards import Part, Shards
+from trackrs.tracker import Recorder
+from trackrs.types import Scan, Tracks
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike
+
+    from trackrs.filter import (
+        CubatureKalmanFilter,
+        ExtendedKalmanFilter,
+        KalmanFilter,
+        UnscentedKalmanFilter,
+    )
+    from trackrs.phd import CPHD, GMPHD, ExtendedGMPHD
+
+BUILT_IN = (CloseTargets, ExtendedTargets, Turning, Underwater)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draw:
+    """One run of a scenario of one's own.
+
+    Args:
+        scans: what the sensors report, in the order of their times.
+        truth: (S, N, d) where every target is at each scan, metres; NaN where it is not there.
+    """
+
+    scans: Sequence[Scan]
+    truth: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the truth."""
+        truth = array(self.truth, "truth", 3)
+        if len(truth) != len(self.scans):
+            msg = f"truth has {len(truth)} rows for {len(self.scans)} scans"
+            raise DimensionError(msg)
+        object.__setattr__(self, "truth", truth)
+
+
+@runtime_checkable
+class Scenario(Protocol):
+    """A scenario of one's own: every run has as many scans, and run k depends on seed and k alone."""
+
+    def draw(self, seed: int, run: int) -> Draw:
+        """Return run number `run`."""
+        ...
+
+
+# What a method of one's own gives: tracks, or the positions (k, d) found at every scan.
+Found: TypeAlias = "Tracks | Sequence[ArrayLike]"
+Method: TypeAlias = """
+    Recorder | ExtendedGMPHD | GMPHD | CPHD | KalmanFilter | ExtendedKalmanFilter | UnscentedKalmanFilter
+    | CubatureKalmanFilter | Callable[[Sequence[Scan]], Found]
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk(Value):
+    """Some consecutive runs of a study: what is sent to another process or machine. It pickles.
+
+    Attributes:
+        study: to which they belong.
+        seed: of the study.
+        first: number of the first run.
+        runs: how many.
+    """
+
+    study: Study
+    seed: int
+    first: int
+    runs: int
+
+    def run(self) -> Part:
+        """Run them here, one after the other."""
+        return self.study._run(self.seed, self.first, self.runs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Study(Value):
+    """A Monte-Carlo study: methods that get the same draws of a scenario, run by run.
+
+    Args:
+        scenario: one of `trackrs.scenarios`, or an object with `draw(seed, run) -> Draw`.
+        methods: what is tried, by name. In scenarios of scans trackers and intensity filters, as they stand, and
+            functions that take the scans of a run and return `Tracks` or the positions (k, d) at every scan; in those of
+            one target filters. What is written in Python takes part at Python's speed.
+        metrics: what is recorded: `OSPA`, `GOSPA`, `Cardinality` and `Identity` of scans, `PositionError` and
+            `LeadError` of one target.
+
+    Raises:
+        ParameterError: methods, metrics and scenario do not go together.
+
+    Example:
+        >>> import trackrs as tr
+        >>> scene = tr.scenarios.turntable()
+        >>> motion, sensor = tr.ConstantAcceleration(dims=1, jerk_psd=1.0), tr.PositionSensor(dims=1, std=scene.std)
+        >>> filters = {
+        ...     "default": tr.UnscentedKalmanFilter(motion, sensor),
+        ...     "printed": tr.UnscentedKalmanFilter.as_printed(motion, sensor, r_limits=(1e-12, 1e4)),
+        ... }
+        >>> result = tr.Study(scene, filters, [tr.study.LeadError(first=20)]).run(runs=20, seed=7)
+        >>> gap = result.compare("default", "printed", "lead_error")
+        >>> gap.high < 0.0, gap.p_value < 0.001
+        (True, True)
+    """
+
+    scenario: Scenario | CloseTargets | ExtendedTargets | Turning | Underwater
+    methods: Mapping[str, Method]
+    metrics: Sequence[Metric]
+    _core: _trackrs.Study | None = field(init=False, repr=False)
+    _columns: tuple[Column, ...] = field(init=False, repr=False)
+    _times: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check that all goes together."""
+        if not self.methods or not self.metrics:
+            which = "metrics" if self.methods else "methods"
+            msg = f"{which} is empty: a study needs at least one"
+            raise ParameterError(msg)
+        methods = {name: _snapshot(method) for name, method in self.methods.items()}
+        items = [item(metric) for metric in self.metrics]
+        columns = tuple(Column(*column) for column in _trackrs.study_columns(items))
+        names = [column.name for column in columns]
+        if len(set(names)) < len(names):
+            msg = "metrics record the same column twice; use two studies with the same seed"
+            raise ParameterError(msg)
+        core, times = None, None
+        if isinstance(self.scenario, BUILT_IN):
+            compiled = {name: _core(method) for name, method in methods.items()}
+            size = self.scenario.scan_size if isinstance(self.scenario, CloseTargets) else 1
+            given = [(name, one) for name, one in compiled.items() if one is not None]
+            core = _trackrs.Study(self.scenario._core, size, given, items)
+            times = core.times()
+            if len(given) < len(methods) and not isinstance(self.scenario, CloseTargets | ExtendedTargets):
+                msg = "methods: in scenarios of one target they must be filters of trackrs"
+                raise ParameterError(msg)
+        elif isinstance(self.scenario, Scenario):
+            for metric in items:
+                if metric[0] in {"position", "lead"}:
+                    msg = "metrics: PositionError and LeadError go with the scenarios of trackrs of one target"
+                    raise ParameterError(msg)
+            times = np.array([scan.time for scan in self.scenario.draw(0, 0).scans])
+        else:
+            msg = f"scenario = {self.scenario!r} is invalid: must be one of trackrs.scenarios or have draw(seed, run)"
+            raise ParameterError(msg)
+        values = {"methods": methods, "metrics": tuple(self.metrics), "_core": core}
+        for name, value in (values | {"_columns": columns, "_times": frozen(times)}).items():
+            object.__setattr__(self, name, value)
+
+    def run(
+        self,
+        runs: int = 200,
+        seed: int = 0,
+        *,
+        folder: str | Path | None = None,
+        engine: Literal["local", "dask"] = "local",
+        workers: int | None = None,
+        client: object = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> StudyResult:
+        """Run the study: runs 0 to `runs` - 1, the same whatever runs them.
+
+        Args:
+            runs: how many.
+            seed: from 0 to 2⁶⁴ - 1.
+            folder: keep finished runs there and go on from those that are there: a study that is killed loses at most
+                the runs in flight.
+            engine: "local" for threads of this process; "dask" for a Dask cluster, whose lost workers' runs are run
+                again (`pip install "trackrs[dask]"`).
+            workers: how many, None for all processors of this process.
+            client: of an existing Dask cluster; None starts a local one of so many workers.
+            progress: called with the numbers of finished and of all runs.
+
+        Raises:
+            ParameterError: a number is out of range.
+            StateError: `folder` belongs to another study or seed.
+        """
+        stream_number("seed", seed)
+        stream_number("runs", runs)
+        count = processors() if workers is None else workers
+        if count < 1:
+            msg = f"workers = {workers} is invalid: must be at least 1"
+            raise ParameterError(msg)
+        if engine not in {"local", "dask"}:
+            msg = f'engine = {engine!r} is invalid: must be "local" or "dask"'
+            raise ParameterError(msg)
+        with ExitStack() as stack:
+            shards = None
+            parts: list[Part] = []
+            if folder is not None:
+                shards = stack.enter_context(Shards(folder, self.digest(), seed, self._width, len(self.methods)))
+                parts = shards.parts()
+            there = {run for part in parts for run in range(part.first, part.first + len(part.values))}
+            todo = [run for run in range(runs) if run not in there]
+            done = runs - len(todo)
+            pieces = local(self, seed, todo, count) if engine == "local" else dask(self, seed, todo, count, client)
+            for part in pieces:
+                parts.append(part)
+                if shards is not None:
+                    shards.append(part)
+                done += len(part.values)
+                if progress is not None:
+                    progress(done, runs)
+        return self.merge(parts, seed, runs)
+
+    def chunk(self, seed: int, first: int, runs: int) -> Chunk:
+        """Return the runs `first` to `first + runs - 1`, to be run anywhere."""
+        return Chunk(self, seed, first, runs)
+
+    def chunks(self, runs: int, seed: int, size: int) -> list[Chunk]:
+        """Return runs 0 to `runs` - 1 in chunks of `size` runs."""
+        return [self.chunk(seed, first, min(size, runs - first)) for first in range(0, runs, size)]
+
+    def merge(self, parts: Sequence[Part], seed: int, runs: int) -> StudyResult:
+        """Return the result of parts in any order; of runs that are there twice the first counts.
+
+        Raises:
+            ParameterError: a run is missing.
+        """
+        values, seconds = np.full((runs, self._width), np.nan), np.full((runs, len(self.methods)), np.nan)
+        found = np.zeros(runs, dtype=bool)
+        failures = []
+        for part in parts:
+            for row in range(len(part.values)):
+                run = part.first + row
+                if run < runs and not found[run]:
+                    found[run] = True
+                    values[run], seconds[run] = part.values[row], part.seconds[row]
+                    failures += [failure for failure in part.failures if failure[0] == run]
+        if not found.all():
+            msg = f"run {int(np.argmin(found))} of {runs} is missing"
+            raise ParameterError(msg)
+        methods = [(name, self._times, self._columns) for name in self.methods]
+        return result_of(seed, methods, np.arange(runs), values, seconds, failures)
+
+    def digest(self) -> str:
+        """Return a number for what the study is: scenario, methods, metrics and version."""
+        from trackrs import __version__  # noqa: PLC0415 (the package imports this module)
+
+        return digest([__version__, self.scenario, self.methods, self.metrics])
+
+    @property
+    def _width(self) -> int:
+        """Numbers per run."""
+        return len(self.methods) * len(self._columns) * len(self._times)
+
+    def _run(self, seed: int, first: int, runs: int) -> Part:
+        slow = [name for name, method in self.methods.items() if self._core is None or _core(method) is None]
+        if self._core is not None and not slow:
+            out: dict[str, Any] = self._core.run(seed, first, runs)
+            return Part(first, frozen(out["values"]), frozen(out["seconds"]), tuple(out["failures"]))
+        from trackrs.study._python import run_python  # noqa: PLC0415 (only those who need it)
+
+        return run_python(self, seed, first, runs)
+
+
+def _snapshot(method: Method) -> Method:
+    """A tracker as it stands now."""
+    if isinstance(method, Recorder):
+        try:
+            return type(method).from_bytes(method.to_bytes())
+        except StateError:
+            return method  # models written in Python cannot be saved
+    return method
+
+
+def _core(method: Method) -> Any:  # noqa: ANN401 (one of three compiled types, or None)
+    """The compiled method; None of one written in Python."""
+    if isinstance(method, Recorder | _SequenceFilter):
+        return method._core
+    if isinstance(method, _IntensityFilter):
+        return method.start()._core
+    if callable(method):
+        return None
+    msg = f"method = {method!r} is invalid: must be a tracker, a filter, or a function of scans"
+    raise ParameterError(msg)

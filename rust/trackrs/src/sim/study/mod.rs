@@ -1,0 +1,285 @@
+//! Monte-Carlo studies: one scene, several methods, several metrics, many runs.
+//!
+//! Run k draws from stream (seed, k) and from nothing else: it is the same in any order, on any number of threads and in
+//! any process, so that parts of a study can be computed anywhere and put together. All methods of a run get the same
+//! draw. A method that fails in a run leaves NaN and says why; the others go on.
+//!
+//! | symbol | name here              | shape     | meaning                                          |
+//! |--------|------------------------|-----------|--------------------------------------------------|
+//! | k      | `run`                  |           | number of the run                                |
+//! | M      | [`Study::methods`]     |           | methods                                          |
+//! | C      | [`Study::columns`]     |           | what the metrics record, one after the other     |
+//! | S      | [`Study::times`]       |           | steps                                            |
+//! | v      | [`Trial::values`]      | M × C × S | what run k gave                                  |
+
+mod scene;
+mod score;
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use nalgebra::DVector;
+
+pub use scene::{Drawn, Scene};
+pub use score::{Column, Estimate, StudyMetric, Summary, score_step};
+
+use crate::error::{Error, Result};
+use crate::filter::lead::Lead;
+use crate::filter::sequence::{Filter, History, InitialState};
+use crate::track::Track;
+use crate::tracker::multi_target::MultiTargetTracker;
+use crate::tracker::phd::PhdTracker;
+
+/// What is tried. Every run begins with a copy.
+#[derive(Debug, Clone)]
+pub enum Method {
+    /// A tracker with tracks.
+    Tracker(Box<MultiTargetTracker>),
+    /// A tracker with an intensity.
+    Intensity(Box<PhdTracker>),
+    /// A filter of one target.
+    Filter(Box<Filter>),
+}
+
+/// A method with its name.
+#[derive(Debug, Clone)]
+pub struct Named {
+    /// What it is called.
+    pub name: String,
+    /// What it is.
+    pub method: Method,
+}
+
+/// A study.
+#[derive(Debug, Clone)]
+pub struct Study {
+    scene: Scene,
+    methods: Vec<Named>,
+    metrics: Vec<StudyMetric>,
+    times: Vec<f64>,
+}
+
+/// What one run gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// M × C × S; NaN where a method failed or there is nothing to score.
+    pub values: Vec<f64>,
+    /// What each method took. Not part of what is the same everywhere.
+    pub seconds: Vec<f64>,
+    /// Who failed, and why.
+    pub failures: Vec<Failure>,
+}
+
+/// A method that could not finish a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Failure {
+    /// Which.
+    pub method: usize,
+    /// Why.
+    pub reason: String,
+}
+
+impl Study {
+    /// The checked study.
+    pub fn new(scene: Scene, methods: Vec<Named>, metrics: Vec<StudyMetric>) -> Result<Self> {
+        scene.check()?;
+        let targets = scene.targets();
+        for metric in &metrics {
+            metric.check()?;
+            if metric.of_scans() != targets.is_some() {
+                let name = metric.columns().first().map_or("", |column| column.name);
+                let requirement = if targets.is_some() {
+                    "must be of several targets, as OSPA is, in a scenario of scans"
+                } else {
+                    "must be of one target, as PositionError is, in a scenario of one target"
+                };
+                return Err(Error::invalid("metric", name, requirement));
+            }
+            if matches!(metric, StudyMetric::Lead { .. }) && scene.between(0.0).is_none() {
+                let requirement = "needs a scenario that knows the truth between measurements, as turntable does";
+                return Err(Error::invalid("metric", "lead_error", requirement));
+            }
+        }
+        for Named { name, method } in &methods {
+            let fits = match method {
+                Method::Tracker(_) | Method::Intensity(_) => targets.is_some(),
+                Method::Filter(_) => targets.is_none(),
+            };
+            if !fits {
+                let requirement = if targets.is_some() {
+                    "must be a tracker: the scenario gives scans"
+                } else {
+                    "must be a filter: the scenario gives the measurements of one target"
+                };
+                return Err(Error::invalid("method", name, requirement));
+            }
+            let known = match method {
+                Method::Tracker(tracker) => tracker.config().initial.len(),
+                _ => 0,
+            };
+            let identity = metrics
+                .iter()
+                .any(|metric| matches!(metric, StudyMetric::Identity { .. }));
+            if let Some(expected) = targets.filter(|&expected| identity && expected != known) {
+                let requirement = format!("must begin with all {expected} targets for the metric of identities");
+                return Err(Error::invalid("method", name, &requirement));
+            }
+        }
+        let times = scene.times();
+        Ok(Self {
+            scene,
+            methods,
+            metrics,
+            times,
+        })
+    }
+
+    /// What runs are drawn from.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// What is tried.
+    pub fn methods(&self) -> &[Named] {
+        &self.methods
+    }
+
+    /// What is recorded at every step.
+    pub fn columns(&self) -> Vec<Column> {
+        self.metrics.iter().flat_map(StudyMetric::columns).copied().collect()
+    }
+
+    /// The times of the steps, seconds.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Run `run` of the study with this seed. An error is one of the scene; those of methods are in the result.
+    pub fn run(&self, seed: u64, run: u64) -> Result<Trial> {
+        let drawn = self.scene.draw(seed, run)?;
+        let width = self.columns().len() * self.times.len();
+        let mut trial = Trial {
+            values: vec![f64::NAN; self.methods.len() * width],
+            seconds: Vec::with_capacity(self.methods.len()),
+            failures: Vec::new(),
+        };
+        for (i, named) in self.methods.iter().enumerate() {
+            let begun = Instant::now();
+            let (scored, seconds) = self.try_method(&named.method, &drawn, begun);
+            trial.seconds.push(seconds);
+            match scored {
+                Ok(values) => trial.values[i * width..(i + 1) * width].copy_from_slice(&values),
+                Err(error) => trial.failures.push(Failure {
+                    method: i,
+                    reason: error.to_string(),
+                }),
+            }
+        }
+        Ok(trial)
+    }
+
+    /// All runs of a range, on so many threads, in their order.
+    pub fn run_all(&self, seed: u64, runs: Range<u64>, threads: usize) -> Result<Vec<Trial>> {
+        let next = AtomicU64::new(runs.start);
+        let work = || -> Vec<(u64, Result<Trial>)> {
+            let claim = || Some(next.fetch_add(1, Ordering::Relaxed)).filter(|&run| run < runs.end);
+            std::iter::from_fn(claim)
+                .map(|run| (run, self.run(seed, run)))
+                .collect()
+        };
+        let mut done = std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(work)).collect();
+            let finished = workers
+                .into_iter()
+                .map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+            finished.flatten().collect::<Vec<_>>()
+        });
+        done.sort_by_key(|(run, _)| *run);
+        done.into_iter().map(|(_, trial)| trial).collect()
+    }
+
+    /// The scores of one method, C × S, and the seconds it took without the scoring.
+    fn try_method(&self, method: &Method, drawn: &Drawn, begun: Instant) -> (Result<Vec<f64>>, f64) {
+        match (method, drawn) {
+            (Method::Tracker(tracker), Drawn::Scans { scans, truth }) => {
+                let found = tracker.as_ref().clone().run(scans);
+                let seconds = begun.elapsed().as_secs_f64();
+                (found.and_then(|tracks| self.score_tracks(&tracks, truth)), seconds)
+            }
+            (Method::Intensity(tracker), Drawn::Scans { scans, truth }) => {
+                let found = tracker.as_ref().clone().run(scans);
+                let seconds = begun.elapsed().as_secs_f64();
+                (found.and_then(|tracks| self.score_tracks(&tracks, truth)), seconds)
+            }
+            (Method::Filter(filter), Drawn::Sequence { values, truth, initial }) => {
+                let mut seconds = 0.0;
+                let scored = self.score_filter(filter, values, truth, initial.as_ref(), &mut seconds);
+                (scored, seconds)
+            }
+            // `new` lets no such pair through.
+            _ => (Ok(Vec::new()), 0.0),
+        }
+    }
+
+    fn score_tracks(&self, tracks: &[Vec<Track>], truth: &[Vec<Option<DVector<f64>>>]) -> Result<Vec<f64>> {
+        let dims = self.scene.dims();
+        let place = |track: &Track| Estimate {
+            id: track.id,
+            position: track.state.mean.rows(0, dims.min(track.state.dim())).into_owned(),
+        };
+        let steps: Vec<Vec<Estimate>> = tracks.iter().map(|found| found.iter().map(place).collect()).collect();
+        score_tracks(&self.metrics, truth, &steps)
+    }
+
+    fn score_filter(
+        &self,
+        filter: &Filter,
+        values: &[DVector<f64>],
+        truth: &[DVector<f64>],
+        initial: Option<&InitialState>,
+        seconds: &mut f64,
+    ) -> Result<Vec<f64>> {
+        let begun = Instant::now();
+        let ahead = |lead: Option<&Lead>| filter.run_ahead(&self.times, values, initial, None, lead, History::Filtered);
+        let plain = ahead(None);
+        *seconds = begun.elapsed().as_secs_f64();
+        let plain = plain?;
+        let mut out = Vec::new();
+        for metric in &self.metrics {
+            let looked = match metric {
+                StudyMetric::Lead { lead, .. } => Some(ahead(Some(lead))?),
+                _ => None,
+            };
+            out.extend(score::score_run(
+                metric,
+                &self.scene,
+                truth,
+                looked.as_ref().unwrap_or(&plain),
+            ));
+        }
+        Ok(out)
+    }
+}
+
+/// The scores of what was found at every step, C × S.
+pub fn score_tracks(
+    metrics: &[StudyMetric],
+    truth: &[Vec<Option<DVector<f64>>>],
+    found: &[Vec<Estimate>],
+) -> Result<Vec<f64>> {
+    crate::error::require_size("steps", truth.len(), found.len())?;
+    let steps = truth.len();
+    let columns: usize = metrics.iter().map(|metric| metric.columns().len()).sum();
+    let mut out = vec![f64::NAN; columns * steps];
+    for (k, (places, tracks)) in truth.iter().zip(found).enumerate() {
+        let mut column = 0;
+        for metric in metrics {
+            for value in score_step(metric, places, tracks)? {
+                out[column * steps + k] = value;
+                column += 1;
+            }
+        }
+    }
+    Ok(out)
+}
