@@ -202,10 +202,10 @@ impl TrackBatch {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         require_size("measurements", self.tracks * times.len() * m, values.len())?;
         require_finite("times", times)?;
-        if let Some(infinite) = values.iter().find(|value| value.is_infinite()) {
+        if let Some(index) = values.iter().position(|value| value.is_infinite()) {
             return Err(Error::NonFinite {
-                name: "measurement".into(),
-                value: *infinite,
+                what: "measurement".into(),
+                index,
             });
         }
         let mut previous = self.time;

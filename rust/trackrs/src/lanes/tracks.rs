@@ -130,3 +130,37 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nothing that comes in through a batch has such a covariance.
+    #[test]
+    fn a_pivot_that_is_not_positive_keeps_the_prediction_of_its_track_only() {
+        let step = RawStep {
+            dt: 1.0,
+            noise: [[0.0; 3]; 6],
+        };
+        for level in Level::available() {
+            let mut tracks = lanes(1, 1, 3).unwrap();
+            for (track, variance) in [3.0, -5.0, 3.0].into_iter().enumerate() {
+                tracks.set(track, &[1.0], &[variance]);
+            }
+            let (mut nis, mut failures) = ([0.0; 3], [0; 3]);
+            let out = Outputs {
+                nis: &mut nis,
+                ..Outputs::default()
+            };
+            tracks.advance(&[step], &[1.0], &[5.0, 5.0, f64::NAN], out, &mut failures, level, 1);
+            assert_eq!(failures, [0, 1, 0]);
+            assert!(nis[0] == 4.0 && nis[1].is_nan() && nis[2].is_nan(), "{nis:?}");
+            let found = [0, 1, 2].map(|track| {
+                let (mut mean, mut cov) = ([0.0], [0.0]);
+                tracks.get(track, &mut mean, &mut cov);
+                [mean[0], cov[0]]
+            });
+            assert_eq!(found, [[4.0, 0.75], [1.0, -5.0], [1.0, 3.0]]);
+        }
+    }
+}
