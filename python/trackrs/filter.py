@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from trackrs.batch import BatchRun
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise
+    from trackrs.batch import BatchRun
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
     from trackrs.types import Fix

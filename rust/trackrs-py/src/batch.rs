@@ -12,7 +12,7 @@ use trackrs::lanes::Level;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
-use crate::error::{compute, count};
+use crate::error::{compute, count, keep_raised};
 use crate::filter::Filter;
 use crate::scans::lock;
 
@@ -86,7 +86,8 @@ impl TrackBatch {
         covs: bool,
         nis: bool,
     ) -> PyResult<BatchRun<'py>> {
-        let mut batch = lock(py, &self.inner)?;
+        let mut guard = lock(py, &self.inner)?;
+        let batch = &mut *guard;
         let (n, tracks) = (batch.filter().motion().state_dim(), batch.tracks());
         let m = batch.filter().sensor().measurement_dim();
         let shape = values.shape();
@@ -103,7 +104,7 @@ impl TrackBatch {
             ] {
                 trackrs::error::require_size(name, expected, found)?;
             }
-            batch.run(times, values, Wanted { means, covs, nis })
+            batch.run_while(times, values, Wanted { means, covs, nis }, go_on)
         })?;
         let flat = |values: Vec<f64>| PyArray1::from_vec(py, values);
         let kept = |wanted: bool, values: Vec<f64>| wanted.then(|| flat(values));
@@ -117,6 +118,11 @@ impl TrackBatch {
             nis: kept(nis, out.nis).map(|v| v.reshape([tracks, steps])).transpose()?,
         })
     }
+}
+
+/// Whether nobody has pressed Ctrl-C; if so, the exception is kept.
+fn go_on() -> bool {
+    Python::attach(|py| py.check_signals()).map_err(keep_raised).is_ok()
 }
 
 /// The levels of instructions of this machine, the best one first.

@@ -23,6 +23,9 @@ use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
 /// Fewer steps of tracks than this are not worth a thread of their own.
 const PER_THREAD: usize = 20_000;
+/// Steps of tracks between two looks whether to go on: some hundredths of a second in lanes, and track by track.
+const PIECE: usize = 500_000;
+const PIECE_EACH: usize = 5_000;
 
 /// Many tracks at one time.
 #[derive(Debug)]
@@ -199,6 +202,18 @@ impl TrackBatch {
 
     /// Takes in T measurements of every track, B × T × m; NaN = not observed.
     pub fn run(&mut self, times: &[f64], values: &[f64], wanted: Wanted) -> Result<BatchRun> {
+        self.run_while(times, values, wanted, || true)
+    }
+
+    /// The same, as long as `go_on` says so, which is asked every few hundredths of a second. After an error the tracks
+    /// are as they were.
+    pub fn run_while(
+        &mut self,
+        times: &[f64],
+        values: &[f64],
+        wanted: Wanted,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Result<BatchRun> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         require_size("measurements", self.tracks * times.len() * m, values.len())?;
         require_finite("times", times)?;
@@ -222,28 +237,47 @@ impl TrackBatch {
             covs: sized(wanted.covs, n * n),
             nis: sized(wanted.nis, 1),
         };
-        match &mut self.states {
-            States::Lanes(lanes) => {
-                let steps = steps(self.filter.motion(), self.time, times);
-                let noise: Vec<f64> = self.filter.sensor().noise().diagonal().iter().copied().collect();
-                let outputs = Outputs {
-                    means: &mut out.means,
-                    covs: &mut out.covs,
-                    nis: &mut out.nis,
-                };
-                let threads = self.threads.min(rows / PER_THREAD).max(1);
-                lanes.advance(&steps, &noise, values, outputs, &mut self.failures, self.level, threads);
+        // Found anew from a copy, so that an error leaves everything as it was.
+        let mut states = match &self.states {
+            States::Lanes(lanes) => States::Lanes(lanes.copied()),
+            States::Each(states) => States::Each(states.clone()),
+        };
+        let mut failures = self.failures.clone();
+        let steps = steps(self.filter.motion(), self.time, times);
+        let noise: Vec<f64> = self.filter.sensor().noise().diagonal().iter().copied().collect();
+        let piece = if self.in_lanes() { PIECE } else { PIECE_EACH };
+        let size = (piece / times.len().max(1))
+            .next_multiple_of(LANES)
+            .max(LANES * self.threads);
+        for first in (0..self.tracks).step_by(size) {
+            if first > 0 && !go_on() {
+                return Err(Error::Interrupted);
             }
-            States::Each(states) => {
-                let each = Each {
-                    filter: &self.filter,
-                    time: self.time,
-                    times,
-                };
-                each.run(states, values, &mut out, self.threads)?;
+            let tracks = first..(first + size).min(self.tracks);
+            let part = |width: usize| first * times.len() * width..tracks.end * times.len() * width;
+            let values = &values[part(m)];
+            let outputs = Outputs {
+                means: out.means.get_mut(part(n)).unwrap_or_default(),
+                covs: out.covs.get_mut(part(n * n)).unwrap_or_default(),
+                nis: out.nis.get_mut(part(1)).unwrap_or_default(),
+            };
+            match &mut states {
+                States::Lanes(lanes) => {
+                    let threads = self.threads.min(tracks.len() * times.len() / PER_THREAD).max(1);
+                    let counts = &mut failures[tracks.clone()];
+                    lanes.advance(tracks, &steps, &noise, values, outputs, counts, self.level, threads);
+                }
+                States::Each(states) => {
+                    let each = Each {
+                        filter: &self.filter,
+                        time: self.time,
+                        times,
+                    };
+                    each.run(&mut states[tracks], values, outputs, self.threads)?;
+                }
             }
         }
-        self.time = previous;
+        (self.states, self.failures, self.time) = (states, failures, previous);
         Ok(out)
     }
 }
@@ -312,13 +346,17 @@ struct Share<'a> {
 }
 
 impl Each<'_> {
-    fn run(&self, states: &mut [Gaussian], values: &[f64], out: &mut BatchRun, threads: usize) -> Result<()> {
+    fn run(&self, states: &mut [Gaussian], values: &[f64], out: Outputs<'_>, threads: usize) -> Result<()> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         let steps = self.times.len();
         let size = states.len().div_ceil(threads.max(1)).max(1).next_multiple_of(LANES);
         let mut shares = Vec::new();
         let (mut states, mut values) = (states, values);
-        let (mut means, mut covs, mut nis) = (&mut out.means[..], &mut out.covs[..], &mut out.nis[..]);
+        let Outputs {
+            mut means,
+            mut covs,
+            mut nis,
+        } = out;
         while !states.is_empty() {
             let count = size.min(states.len());
             let (first, rest) = states.split_at_mut(count);

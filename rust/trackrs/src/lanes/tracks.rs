@@ -1,6 +1,7 @@
 //! Tracks in lanes, whatever their dimensions: one kernel for every number of axes and derivatives up to three.
 
 use std::fmt::Debug;
+use std::ops::Range;
 
 use super::Level;
 use super::block::{Block, LANES};
@@ -22,10 +23,14 @@ pub(crate) trait Lanes: Debug + Send + Sync {
     fn set(&mut self, track: usize, mean: &[f64], cov: &[f64]);
     /// Reads a track.
     fn get(&self, track: usize, mean: &mut [f64], cov: &mut [f64]);
-    /// Takes in measurements; see [`Work`].
+    /// A copy.
+    fn copied(&self) -> Box<dyn Lanes>;
+    /// Takes in measurements of some tracks, from the first of a block on; all other arguments are those of these tracks
+    /// ([`Work`]).
     #[allow(clippy::too_many_arguments)]
     fn advance(
         &mut self,
+        tracks: Range<usize>,
         steps: &[RawStep],
         sensor: &[f64],
         values: &[f64],
@@ -52,17 +57,15 @@ pub(crate) fn lanes(dims: usize, order: usize, tracks: usize) -> Option<Box<dyn 
     })
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Tracks<const D: usize, const K: usize, const N: usize, const PN: usize> {
     blocks: Vec<Block<N, PN>>,
-    tracks: usize,
 }
 
 impl<const D: usize, const K: usize, const N: usize, const PN: usize> Tracks<D, K, N, PN> {
     fn new(tracks: usize) -> Self {
         Self {
             blocks: vec![Block::padding(); tracks.div_ceil(LANES)],
-            tracks,
         }
     }
 }
@@ -76,8 +79,13 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         self.blocks[track / LANES].get(track % LANES, mean, cov);
     }
 
+    fn copied(&self) -> Box<dyn Lanes> {
+        Box::new(self.clone())
+    }
+
     fn advance(
         &mut self,
+        tracks: Range<usize>,
         steps: &[RawStep],
         sensor: &[f64],
         values: &[f64],
@@ -96,7 +104,8 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
             })
             .collect();
         let noise: [f64; D] = std::array::from_fn(|axis| sensor[axis]);
-        let share = self.blocks.len().div_ceil(threads.max(1)).max(1);
+        let blocks = &mut self.blocks[tracks.start / LANES..tracks.end.div_ceil(LANES)];
+        let share = blocks.len().div_ceil(threads.max(1)).max(1);
         let rows = share * LANES * steps.len();
         // Chunks of what is not wanted are empty, as many as there are shares.
         let mut means = out.means.chunks_mut((rows * N).max(1));
@@ -104,10 +113,10 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         let mut nis = out.nis.chunks_mut(rows.max(1));
         let values = values.chunks((rows * D).max(1));
         let counts = failures.chunks_mut(share * LANES);
-        let tracks = self.tracks;
-        let work = self.blocks.chunks_mut(share).zip(values).zip(counts).enumerate();
+        let count = tracks.len();
+        let work = blocks.chunks_mut(share).zip(values).zip(counts).enumerate();
         let work = work.map(|(k, ((blocks, values), failures))| Work::<D, K, N, PN> {
-            tracks: (tracks - k * share * LANES).min(share * LANES),
+            tracks: (count - k * share * LANES).min(share * LANES),
             blocks,
             steps: &steps,
             sensor: &noise,
@@ -152,7 +161,16 @@ mod tests {
                 nis: &mut nis,
                 ..Outputs::default()
             };
-            tracks.advance(&[step], &[1.0], &[5.0, 5.0, f64::NAN], out, &mut failures, level, 1);
+            tracks.advance(
+                0..3,
+                &[step],
+                &[1.0],
+                &[5.0, 5.0, f64::NAN],
+                out,
+                &mut failures,
+                level,
+                1,
+            );
             assert_eq!(failures, [0, 1, 0]);
             assert!(nis[0] == 4.0 && nis[1].is_nan() && nis[2].is_nan(), "{nis:?}");
             let found = [0, 1, 2].map(|track| {
