@@ -86,11 +86,11 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                     break;
                 }
                 let used = width.min(tracks - first);
-                let mut x: [S::f64s; N] = std::array::from_fn(|i| S::as_simd_f64s(&block.mean[i].0).0[register]);
-                let mut p: [S::f64s; PN] = std::array::from_fn(|i| S::as_simd_f64s(&block.cov[i].0).0[register]);
+                let mut x = load::<S, N>(simd, &block.mean, register);
+                let mut p = load::<S, PN>(simd, &block.cov, register);
                 let mut failed = simd.splat_f64s(0.0);
                 for (t, step) in steps.iter().enumerate() {
-                    let z = gather::<S, D>(values, first, used, count, t);
+                    let z = gather::<S, D>(simd, values, first, used, count, t);
                     predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
                     let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
                     failed = simd.add_f64s(failed, found.failed);
@@ -119,6 +119,61 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
     }
 }
 
+// Indices are found without the checks of the profile: with them the loops over three axes are not unrolled, and a step
+// takes ten times as long. None of them can overflow.
+
+/// Where component `axis` of block `block` stands.
+#[inline(always)]
+const fn row<const D: usize>(block: usize, axis: usize) -> usize {
+    block.wrapping_mul(D).wrapping_add(axis)
+}
+
+/// Where the entry (i, j) of block (a, b) of the covariance stands.
+#[inline(always)]
+const fn cov<const D: usize>(a: usize, i: usize, b: usize, j: usize) -> usize {
+    at(row::<D>(a, i), row::<D>(b, j))
+}
+
+/// The next index.
+#[inline(always)]
+const fn after(index: usize) -> usize {
+    index.wrapping_add(1)
+}
+
+/// Where the numbers of a track and step begin, so many each.
+#[inline(always)]
+const fn place(first: usize, lane: usize, steps: usize, t: usize, width: usize) -> usize {
+    let track = first.wrapping_add(lane);
+    track.wrapping_mul(steps).wrapping_add(t).wrapping_mul(width)
+}
+
+/// Numbers of a square matrix.
+const fn matrix_len<const N: usize>() -> usize {
+    N.wrapping_mul(N)
+}
+
+/// Registers from lanes.
+#[inline(always)]
+fn load<S: Simd, const N: usize>(simd: S, lanes: &[Lane; N], register: usize) -> [S::f64s; N] {
+    let mut out = [simd.splat_f64s(0.0); N];
+    for (to, from) in out.iter_mut().zip(lanes) {
+        *to = S::as_simd_f64s(&from.0).0[register];
+    }
+    out
+}
+
+/// a + b c.
+#[inline(always)]
+fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+    simd.add_f64s(a, simd.mul_f64s(b, c))
+}
+
+/// a − b c.
+#[inline(always)]
+fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+    simd.sub_f64s(a, simd.mul_f64s(b, c))
+}
+
 /// The lanes of a register.
 #[inline(always)]
 fn lanes_of<S: Simd>(register: S::f64s) -> Lane {
@@ -129,15 +184,22 @@ fn lanes_of<S: Simd>(register: S::f64s) -> Lane {
 
 /// The measurements of some tracks at one step; lanes beyond them are not observed.
 #[inline(always)]
-fn gather<S: Simd, const D: usize>(values: &[f64], first: usize, used: usize, steps: usize, t: usize) -> [S::f64s; D] {
+fn gather<S: Simd, const D: usize>(
+    simd: S,
+    values: &[f64],
+    first: usize,
+    used: usize,
+    steps: usize,
+    t: usize,
+) -> [S::f64s; D] {
     let mut lanes = [Lane([f64::NAN; LANES]); D];
     for lane in 0..used {
-        let row = ((first + lane) * steps + t) * D;
-        for (to, from) in lanes.iter_mut().zip(&values[row..row + D]) {
+        let begin = place(first, lane, steps, t, D);
+        for (to, from) in lanes.iter_mut().zip(&values[begin..begin.wrapping_add(D)]) {
             to.0[lane] = *from;
         }
     }
-    std::array::from_fn(|i| S::as_simd_f64s(&lanes[i].0).0[0])
+    load::<S, D>(simd, &lanes, 0)
 }
 
 /// Writes vectors of some tracks at one step.
@@ -155,8 +217,8 @@ fn scatter<S: Simd, const N: usize>(
         S::as_mut_simd_f64s(&mut to.0).0[0] = *from;
     }
     for lane in 0..used {
-        let row = ((first + lane) * steps + t) * N;
-        for (to, from) in out[row..row + N].iter_mut().zip(&lanes) {
+        let begin = place(first, lane, steps, t, N);
+        for (to, from) in out[begin..begin.wrapping_add(N)].iter_mut().zip(&lanes) {
             *to = from.0[lane];
         }
     }
@@ -177,11 +239,11 @@ fn scatter_symmetric<S: Simd, const N: usize, const PN: usize>(
         S::as_mut_simd_f64s(&mut to.0).0[0] = *from;
     }
     for lane in 0..used {
-        let row = ((first + lane) * steps + t) * N * N;
-        let matrix = &mut out[row..row + N * N];
+        let begin = place(first, lane, steps, t, matrix_len::<N>());
+        let matrix = &mut out[begin..begin.wrapping_add(matrix_len::<N>())];
         for i in 0..N {
             for j in 0..N {
-                matrix[i * N + j] = lanes[at(i, j)].0[lane];
+                matrix[row::<N>(i, j)] = lanes[at(i, j)].0[lane];
             }
         }
     }
@@ -198,75 +260,92 @@ fn predict<S: Simd, const D: usize, const K: usize, const N: usize, const PN: us
     let dt = simd.splat_f64s(step.dt);
     let half = simd.splat_f64s(0.5 * step.dt * step.dt);
     // a + dt b, and a + dt b + h c
-    let first = |a, b| simd.add_f64s(a, simd.mul_f64s(dt, b));
-    let second = |a, b, c| simd.add_f64s(first(a, b), simd.mul_f64s(half, c));
-    let (v, a) = (D, 2 * D);
+    macro_rules! first {
+        ($a:expr, $b:expr) => {
+            more(simd, $a, dt, $b)
+        };
+    }
+    macro_rules! second {
+        ($a:expr, $b:expr, $c:expr) => {
+            more(simd, first!($a, $b), half, $c)
+        };
+    }
     if K == 2 {
         for i in 0..D {
-            x[i] = first(x[i], x[v + i]);
+            x[i] = first!(x[i], x[row::<D>(1, i)]);
         }
         let mut g = [[simd.splat_f64s(0.0); D]; D];
         for i in 0..D {
             for j in 0..=i {
-                g[i][j] = first(p[at(i, j)], p[at(v + j, i)]);
+                g[i][j] = first!(p[cov::<D>(0, i, 0, j)], p[cov::<D>(1, j, 0, i)]);
             }
         }
         for i in 0..D {
             for j in 0..D {
-                p[at(v + i, j)] = first(p[at(v + i, j)], p[at(v + i, v + j)]);
+                p[cov::<D>(1, i, 0, j)] = first!(p[cov::<D>(1, i, 0, j)], p[cov::<D>(1, i, 1, j)]);
             }
         }
         for i in 0..D {
             for j in 0..=i {
-                p[at(i, j)] = first(g[i][j], p[at(v + i, j)]);
+                p[cov::<D>(0, i, 0, j)] = first!(g[i][j], p[cov::<D>(1, i, 0, j)]);
             }
         }
     }
     if K == 3 {
         for i in 0..D {
-            x[i] = second(x[i], x[v + i], x[a + i]);
-            x[v + i] = first(x[v + i], x[a + i]);
+            x[i] = second!(x[i], x[row::<D>(1, i)], x[row::<D>(2, i)]);
+            x[row::<D>(1, i)] = first!(x[row::<D>(1, i)], x[row::<D>(2, i)]);
         }
         let mut g = [[simd.splat_f64s(0.0); D]; D];
         for i in 0..D {
             for j in 0..=i {
-                g[i][j] = second(p[at(i, j)], p[at(v + j, i)], p[at(a + j, i)]);
+                g[i][j] = second!(
+                    p[cov::<D>(0, i, 0, j)],
+                    p[cov::<D>(1, j, 0, i)],
+                    p[cov::<D>(2, j, 0, i)]
+                );
             }
         }
         for i in 0..D {
             for j in 0..D {
-                let vp = second(p[at(v + i, j)], p[at(v + i, v + j)], p[at(a + j, v + i)]);
-                let ap = second(p[at(a + i, j)], p[at(a + i, v + j)], p[at(a + i, a + j)]);
+                let vp = second!(
+                    p[cov::<D>(1, i, 0, j)],
+                    p[cov::<D>(1, i, 1, j)],
+                    p[cov::<D>(2, j, 1, i)]
+                );
+                let ap = second!(
+                    p[cov::<D>(2, i, 0, j)],
+                    p[cov::<D>(2, i, 1, j)],
+                    p[cov::<D>(2, i, 2, j)]
+                );
                 if j <= i {
-                    p[at(i, j)] = second(g[i][j], vp, ap);
+                    p[cov::<D>(0, i, 0, j)] = second!(g[i][j], vp, ap);
                 }
-                p[at(v + i, j)] = first(vp, ap);
-                p[at(a + i, j)] = ap;
+                p[cov::<D>(1, i, 0, j)] = first!(vp, ap);
+                p[cov::<D>(2, i, 0, j)] = ap;
             }
         }
         for i in 0..D {
             for j in 0..=i {
-                g[i][j] = first(p[at(v + i, v + j)], p[at(a + j, v + i)]);
+                g[i][j] = first!(p[cov::<D>(1, i, 1, j)], p[cov::<D>(2, j, 1, i)]);
             }
         }
         for i in 0..D {
             for j in 0..D {
-                p[at(a + i, v + j)] = first(p[at(a + i, v + j)], p[at(a + i, a + j)]);
+                p[cov::<D>(2, i, 1, j)] = first!(p[cov::<D>(2, i, 1, j)], p[cov::<D>(2, i, 2, j)]);
             }
         }
         for i in 0..D {
             for j in 0..=i {
-                p[at(v + i, v + j)] = first(g[i][j], p[at(a + i, v + j)]);
+                p[cov::<D>(1, i, 1, j)] = first!(g[i][j], p[cov::<D>(2, i, 1, j)]);
             }
         }
     }
     for axis in 0..D {
-        let mut pair = 0;
-        for row in 0..K {
-            for column in 0..=row {
-                let entry = at(row * D + axis, column * D + axis);
-                p[entry] = simd.add_f64s(p[entry], simd.splat_f64s(step.noise[pair][axis]));
-                pair += 1;
+        for a in 0..K {
+            for b in 0..=a {
+                let (entry, noise) = (cov::<D>(a, axis, b, axis), step.noise[at(a, b)][axis]);
+                p[entry] = simd.add_f64s(p[entry], simd.splat_f64s(noise));
             }
         }
     }
@@ -289,76 +368,86 @@ fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
     sensor: &[f64; D],
 ) -> Found<S> {
     let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-    let always = simd.equal_f64s(zero, zero);
-    // a − b c
-    let less = |a, b, c| simd.sub_f64s(a, simd.mul_f64s(b, c));
-    let seen: [S::m64s; D] = std::array::from_fn(|k| simd.equal_f64s(z[k], z[k]));
-    let nu: [S::f64s; D] = std::array::from_fn(|k| simd.select_f64s(seen[k], simd.sub_f64s(z[k], x[k]), zero));
+    let (always, never) = (simd.equal_f64s(zero, zero), simd.less_than_f64s(one, zero));
+    let (mut seen, mut nu, mut any) = ([never; D], [zero; D], never);
+    for k in 0..D {
+        seen[k] = simd.equal_f64s(z[k], z[k]);
+        nu[k] = simd.select_f64s(seen[k], simd.sub_f64s(z[k], x[k]), zero);
+        any = simd.or_m64s(any, seen[k]);
+    }
     let mut cross = [[zero; D]; N];
-    for (i, row) in cross.iter_mut().enumerate() {
-        for (k, entry) in row.iter_mut().enumerate() {
-            *entry = simd.select_f64s(seen[k], p[at(i, k)], zero);
+    for i in 0..N {
+        for k in 0..D {
+            cross[i][k] = simd.select_f64s(seen[k], p[at(i, k)], zero);
         }
     }
-    let (mut l, mut pivot, mut reciprocal) = ([[zero; D]; D], [one; D], [one; D]);
-    let mut good = always;
+    let mut factor = Factor::<S, D> {
+        l: [[zero; D]; D],
+        reciprocal: [one; D],
+    };
+    let (mut pivot, mut good) = ([one; D], always);
     for j in 0..D {
         let s = simd.add_f64s(p[at(j, j)], simd.splat_f64s(sensor[j]));
         let mut rest = simd.select_f64s(seen[j], s, one);
         for k in 0..j {
-            rest = less(rest, simd.mul_f64s(l[j][k], l[j][k]), pivot[k]);
+            rest = less(simd, rest, simd.mul_f64s(factor.l[j][k], factor.l[j][k]), pivot[k]);
         }
         good = simd.and_m64s(good, simd.less_than_f64s(zero, rest));
         pivot[j] = rest;
-        reciprocal[j] = simd.div_f64s(one, rest);
-        for i in j + 1..D {
+        factor.reciprocal[j] = simd.div_f64s(one, rest);
+        for i in after(j)..D {
             let mut rest = simd.select_f64s(seen[i], cross[i][j], zero);
             for k in 0..j {
-                rest = less(rest, simd.mul_f64s(l[i][k], l[j][k]), pivot[k]);
+                rest = less(simd, rest, simd.mul_f64s(factor.l[i][k], factor.l[j][k]), pivot[k]);
             }
-            l[i][j] = simd.mul_f64s(rest, reciprocal[j]);
+            factor.l[i][j] = simd.mul_f64s(rest, factor.reciprocal[j]);
         }
     }
-    // S⁻¹ on a row.
-    let solve = |mut y: [S::f64s; D]| {
-        for i in 0..D {
-            for k in 0..i {
-                y[i] = less(y[i], l[i][k], y[k]);
-            }
-        }
-        for i in 0..D {
-            y[i] = simd.mul_f64s(y[i], reciprocal[i]);
-        }
-        for i in (0..D).rev() {
-            for k in i + 1..D {
-                y[i] = less(y[i], l[k][i], y[k]);
-            }
-        }
-        y
-    };
-    let mut gain = [[zero; D]; N];
-    for (to, row) in gain.iter_mut().zip(&cross) {
-        let solved = solve(*row);
-        for (to, from) in to.iter_mut().zip(solved) {
-            *to = simd.select_f64s(good, from, zero);
-        }
-    }
-    for (state, row) in x.iter_mut().zip(&gain) {
-        for (weight, nu) in row.iter().zip(&nu) {
-            *state = simd.add_f64s(*state, simd.mul_f64s(*weight, *nu));
+    let mut gain = cross;
+    for i in 0..N {
+        factor.solve(simd, &mut gain[i]);
+        for k in 0..D {
+            gain[i][k] = simd.select_f64s(good, gain[i][k], zero);
+            x[i] = more(simd, x[i], gain[i][k], nu[k]);
         }
     }
     joseph::<S, D, N, PN>(simd, p, &gain, sensor);
-    let solved = solve(nu);
-    let (mut nis, mut any) = (zero, simd.less_than_f64s(one, zero));
+    let mut solved = nu;
+    factor.solve(simd, &mut solved);
+    let mut nis = zero;
     for k in 0..D {
-        nis = simd.add_f64s(nis, simd.mul_f64s(nu[k], solved[k]));
-        any = simd.or_m64s(any, seen[k]);
+        nis = more(simd, nis, nu[k], solved[k]);
     }
-    any = simd.and_m64s(any, good);
+    let scored = simd.and_m64s(any, good);
     Found {
-        nis: simd.select_f64s(any, nis, simd.splat_f64s(f64::NAN)),
+        nis: simd.select_f64s(scored, nis, simd.splat_f64s(f64::NAN)),
         failed: simd.select_f64s(good, zero, one),
+    }
+}
+
+/// L, and the reciprocals of Δ.
+struct Factor<S: Simd, const D: usize> {
+    l: [[S::f64s; D]; D],
+    reciprocal: [S::f64s; D],
+}
+
+impl<S: Simd, const D: usize> Factor<S, D> {
+    /// S⁻¹ y.
+    #[inline(always)]
+    fn solve(&self, simd: S, y: &mut [S::f64s; D]) {
+        for i in 0..D {
+            for k in 0..i {
+                y[i] = less(simd, y[i], self.l[i][k], y[k]);
+            }
+        }
+        for i in 0..D {
+            y[i] = simd.mul_f64s(y[i], self.reciprocal[i]);
+        }
+        for i in (0..D).rev() {
+            for k in after(i)..D {
+                y[i] = less(simd, y[i], self.l[k][i], y[k]);
+            }
+        }
     }
 }
 
@@ -370,32 +459,48 @@ fn joseph<S: Simd, const D: usize, const N: usize, const PN: usize>(
     gain: &[[S::f64s; D]; N],
     sensor: &[f64; D],
 ) {
-    let less = |a, b, c| simd.sub_f64s(a, simd.mul_f64s(b, c));
-    let left = |p: &[S::f64s; PN], i: usize, j: usize| {
-        let mut entry = p[at(i, j)];
-        for k in 0..D {
-            entry = less(entry, gain[i][k], p[at(k, j)]);
-        }
-        entry
-    };
-    let mut measured = [[simd.splat_f64s(0.0); D]; N];
-    for (i, row) in measured.iter_mut().enumerate() {
-        for (j, entry) in row.iter_mut().enumerate() {
-            *entry = left(p, i, j);
+    let zero = simd.splat_f64s(0.0);
+    let mut measured = [[zero; D]; N];
+    for i in 0..N {
+        for j in 0..D {
+            measured[i][j] = left(simd, p, gain, i, j);
         }
     }
     // From the last row upwards: the first rows are needed to the end.
     for i in (0..N).rev() {
-        let noise: [S::f64s; D] = std::array::from_fn(|k| simd.mul_f64s(gain[i][k], simd.splat_f64s(sensor[k])));
-        for j in (0..=i).rev() {
-            let mut entry = if j < D { measured[i][j] } else { left(p, i, j) };
+        let mut noise = [zero; D];
+        for k in 0..D {
+            noise[k] = simd.mul_f64s(gain[i][k], simd.splat_f64s(sensor[k]));
+        }
+        for j in (0..after(i)).rev() {
+            let mut entry = if j < D {
+                measured[i][j]
+            } else {
+                left(simd, p, gain, i, j)
+            };
             for k in 0..D {
-                entry = less(entry, measured[i][k], gain[j][k]);
+                entry = less(simd, entry, measured[i][k], gain[j][k]);
             }
             for k in 0..D {
-                entry = simd.add_f64s(entry, simd.mul_f64s(noise[k], gain[j][k]));
+                entry = more(simd, entry, noise[k], gain[j][k]);
             }
             p[at(i, j)] = entry;
         }
     }
+}
+
+/// Entry (i, j) of (I − G H) P.
+#[inline(always)]
+fn left<S: Simd, const D: usize, const N: usize, const PN: usize>(
+    simd: S,
+    p: &[S::f64s; PN],
+    gain: &[[S::f64s; D]; N],
+    i: usize,
+    j: usize,
+) -> S::f64s {
+    let mut entry = p[at(i, j)];
+    for k in 0..D {
+        entry = less(simd, entry, gain[i][k], p[at(k, j)]);
+    }
+    entry
 }
