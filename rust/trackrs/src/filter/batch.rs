@@ -8,9 +8,12 @@
 //! The lanes take the structure of the motion instead of products with F, so that their results agree with those of
 //! [`Filter::run`] to rounding only.
 
+mod each;
+
 use nalgebra::{DMatrix, DVector};
 
-use super::sequence::{Filter, History, InitialState};
+use self::each::Each;
+use super::sequence::Filter;
 use super::square_root::Form;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::Gaussian;
@@ -43,6 +46,15 @@ pub struct TrackBatch {
 enum States {
     Lanes(Box<dyn Lanes>),
     Each(Vec<Gaussian>),
+}
+
+impl States {
+    fn copied(&self) -> Self {
+        match self {
+            Self::Lanes(lanes) => Self::Lanes(lanes.copied()),
+            Self::Each(states) => Self::Each(states.clone()),
+        }
+    }
 }
 
 /// What is wanted of a run; all of it tracks first, then steps.
@@ -237,18 +249,38 @@ impl TrackBatch {
             covs: sized(wanted.covs, n * n),
             nis: sized(wanted.nis, 1),
         };
-        // Found anew from a copy, so that an error leaves everything as it was.
-        let mut states = match &self.states {
-            States::Lanes(lanes) => States::Lanes(lanes.copied()),
-            States::Each(states) => States::Each(states.clone()),
-        };
-        let mut failures = self.failures.clone();
-        let steps = steps(self.filter.motion(), self.time, times);
-        let noise: Vec<f64> = self.filter.sensor().noise().diagonal().iter().copied().collect();
         let piece = if self.in_lanes() { PIECE } else { PIECE_EACH };
         let size = (piece / times.len().max(1))
             .next_multiple_of(LANES)
             .max(LANES * self.threads);
+        // Lanes cannot fail, and one piece is not interrupted.
+        let copy = (!self.in_lanes() || self.tracks > size).then(|| (self.states.copied(), self.failures.clone()));
+        let result = self.run_pieces(times, values, size, &mut out, &mut go_on);
+        match (result, copy) {
+            (Ok(()), _) => {
+                self.time = previous;
+                Ok(out)
+            }
+            (Err(error), copy) => {
+                if let Some((states, failures)) = copy {
+                    (self.states, self.failures) = (states, failures);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    fn run_pieces(
+        &mut self,
+        times: &[f64],
+        values: &[f64],
+        size: usize,
+        out: &mut BatchRun,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Result<()> {
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        let steps = steps(self.filter.motion(), self.time, times);
+        let noise: Vec<f64> = self.filter.sensor().noise().diagonal().iter().copied().collect();
         for first in (0..self.tracks).step_by(size) {
             if first > 0 && !go_on() {
                 return Err(Error::Interrupted);
@@ -261,10 +293,10 @@ impl TrackBatch {
                 covs: out.covs.get_mut(part(n * n)).unwrap_or_default(),
                 nis: out.nis.get_mut(part(1)).unwrap_or_default(),
             };
-            match &mut states {
+            match &mut self.states {
                 States::Lanes(lanes) => {
                     let threads = self.threads.min(tracks.len() * times.len() / PER_THREAD).max(1);
-                    let counts = &mut failures[tracks.clone()];
+                    let counts = &mut self.failures[tracks.clone()];
                     lanes.advance(tracks, &steps, &noise, values, outputs, counts, self.level, threads);
                 }
                 States::Each(states) => {
@@ -277,8 +309,7 @@ impl TrackBatch {
                 }
             }
         }
-        (self.states, self.failures, self.time) = (states, failures, previous);
-        Ok(out)
+        Ok(())
     }
 }
 
@@ -327,94 +358,4 @@ fn steps(motion: &MotionModel, start: f64, times: &[f64]) -> Vec<RawStep> {
         out.push(step);
     }
     out
-}
-
-/// Tracks one after the other.
-struct Each<'a> {
-    filter: &'a Filter,
-    time: f64,
-    times: &'a [f64],
-}
-
-/// The parts of a run that belong to some tracks.
-struct Share<'a> {
-    states: &'a mut [Gaussian],
-    values: &'a [f64],
-    means: &'a mut [f64],
-    covs: &'a mut [f64],
-    nis: &'a mut [f64],
-}
-
-impl Each<'_> {
-    fn run(&self, states: &mut [Gaussian], values: &[f64], out: Outputs<'_>, threads: usize) -> Result<()> {
-        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        let steps = self.times.len();
-        let size = states.len().div_ceil(threads.max(1)).max(1).next_multiple_of(LANES);
-        let mut shares = Vec::new();
-        let (mut states, mut values) = (states, values);
-        let Outputs {
-            mut means,
-            mut covs,
-            mut nis,
-        } = out;
-        while !states.is_empty() {
-            let count = size.min(states.len());
-            let (first, rest) = states.split_at_mut(count);
-            let (z, more) = values.split_at(count * steps * m);
-            let wide = |part: &[f64], width: usize| if part.is_empty() { 0 } else { count * steps * width };
-            let (a, b, c) = (wide(means, n), wide(covs, n * n), wide(nis, 1));
-            let (x, means_rest) = means.split_at_mut(a);
-            let (p, covs_rest) = covs.split_at_mut(b);
-            let (e, nis_rest) = nis.split_at_mut(c);
-            shares.push(Share {
-                states: first,
-                values: z,
-                means: x,
-                covs: p,
-                nis: e,
-            });
-            (states, values, means, covs, nis) = (rest, more, means_rest, covs_rest, nis_rest);
-        }
-        std::thread::scope(|scope| {
-            let workers: Vec<_> = shares
-                .into_iter()
-                .map(|share| scope.spawn(move || self.share(share)))
-                .collect();
-            workers
-                .into_iter()
-                .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        })
-    }
-
-    fn share(&self, share: Share<'_>) -> Result<()> {
-        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        let steps = self.times.len();
-        for (track, state) in share.states.iter_mut().enumerate() {
-            let rows = share.values[track * steps * m..(track + 1) * steps * m].chunks_exact(m);
-            let values: Vec<DVector<f64>> = rows.map(DVector::from_row_slice).collect();
-            let initial = InitialState {
-                time: self.time,
-                state: state.clone(),
-            };
-            let run = self
-                .filter
-                .run(self.times, &values, Some(&initial), None, History::Filtered)?;
-            for (k, estimate) in run.filtered.iter().enumerate() {
-                let row = track * steps + k;
-                if let Some(to) = share.means.get_mut(row * n..(row + 1) * n) {
-                    to.copy_from_slice(estimate.mean.as_slice());
-                }
-                if let Some(to) = share.covs.get_mut(row * n * n..(row + 1) * n * n) {
-                    to.copy_from_slice(estimate.cov.as_slice());
-                }
-                if let Some(to) = share.nis.get_mut(row) {
-                    *to = run.nis[k];
-                }
-            }
-            if let Some(last) = run.filtered.last() {
-                *state = last;
-            }
-        }
-        Ok(())
-    }
 }

@@ -27,7 +27,8 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::block::{Block, LANES, Lane, at};
+use super::block::{Block, LANES, at};
+use super::transport::{gather, lanes_of, load, scatter, scatter_symmetric};
 
 /// A time step and the noise that gathers in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -140,28 +141,6 @@ const fn after(index: usize) -> usize {
     index.wrapping_add(1)
 }
 
-/// Where the numbers of a track and step begin, so many each.
-#[inline(always)]
-const fn place(first: usize, lane: usize, steps: usize, t: usize, width: usize) -> usize {
-    let track = first.wrapping_add(lane);
-    track.wrapping_mul(steps).wrapping_add(t).wrapping_mul(width)
-}
-
-/// Numbers of a square matrix.
-const fn matrix_len<const N: usize>() -> usize {
-    N.wrapping_mul(N)
-}
-
-/// Registers from lanes.
-#[inline(always)]
-fn load<S: Simd, const N: usize>(simd: S, lanes: &[Lane; N], register: usize) -> [S::f64s; N] {
-    let mut out = [simd.splat_f64s(0.0); N];
-    for (to, from) in out.iter_mut().zip(lanes) {
-        *to = S::as_simd_f64s(&from.0).0[register];
-    }
-    out
-}
-
 /// a + b c.
 #[inline(always)]
 fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
@@ -172,81 +151,6 @@ fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
 #[inline(always)]
 fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
     simd.sub_f64s(a, simd.mul_f64s(b, c))
-}
-
-/// The lanes of a register.
-#[inline(always)]
-fn lanes_of<S: Simd>(register: S::f64s) -> Lane {
-    let mut lane = Lane([0.0; LANES]);
-    S::as_mut_simd_f64s(&mut lane.0).0[0] = register;
-    lane
-}
-
-/// The measurements of some tracks at one step; lanes beyond them are not observed.
-#[inline(always)]
-fn gather<S: Simd, const D: usize>(
-    simd: S,
-    values: &[f64],
-    first: usize,
-    used: usize,
-    steps: usize,
-    t: usize,
-) -> [S::f64s; D] {
-    let mut lanes = [Lane([f64::NAN; LANES]); D];
-    for lane in 0..used {
-        let begin = place(first, lane, steps, t, D);
-        for (to, from) in lanes.iter_mut().zip(&values[begin..begin.wrapping_add(D)]) {
-            to.0[lane] = *from;
-        }
-    }
-    load::<S, D>(simd, &lanes, 0)
-}
-
-/// Writes vectors of some tracks at one step.
-#[inline(always)]
-fn scatter<S: Simd, const N: usize>(
-    out: &mut [f64],
-    registers: &[S::f64s; N],
-    first: usize,
-    used: usize,
-    steps: usize,
-    t: usize,
-) {
-    let mut lanes = [Lane([0.0; LANES]); N];
-    for (to, from) in lanes.iter_mut().zip(registers) {
-        S::as_mut_simd_f64s(&mut to.0).0[0] = *from;
-    }
-    for lane in 0..used {
-        let begin = place(first, lane, steps, t, N);
-        for (to, from) in out[begin..begin.wrapping_add(N)].iter_mut().zip(&lanes) {
-            *to = from.0[lane];
-        }
-    }
-}
-
-/// Writes whole covariances of some tracks at one step.
-#[inline(always)]
-fn scatter_symmetric<S: Simd, const N: usize, const PN: usize>(
-    out: &mut [f64],
-    registers: &[S::f64s; PN],
-    first: usize,
-    used: usize,
-    steps: usize,
-    t: usize,
-) {
-    let mut lanes = [Lane([0.0; LANES]); PN];
-    for (to, from) in lanes.iter_mut().zip(registers) {
-        S::as_mut_simd_f64s(&mut to.0).0[0] = *from;
-    }
-    for lane in 0..used {
-        let begin = place(first, lane, steps, t, matrix_len::<N>());
-        let matrix = &mut out[begin..begin.wrapping_add(matrix_len::<N>())];
-        for i in 0..N {
-            for j in 0..N {
-                matrix[row::<N>(i, j)] = lanes[at(i, j)].0[lane];
-            }
-        }
-    }
 }
 
 /// Equations 1 and 2.

@@ -8,5 +8,6 @@ pub mod block;
 pub mod kinematic;
 pub mod level;
 pub(crate) mod tracks;
+mod transport;
 
 pub use level::Level;
