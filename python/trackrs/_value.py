@@ -25,9 +25,14 @@ class Value:
         """Pickle the arguments, and nothing that could run."""
         return (_made, (type(self), _arguments(self)))
 
+    def _more(self) -> dict[str, object]:
+        """Arguments that are no fields."""
+        return {}
+
 
 def _arguments(value: Any) -> dict[str, Any]:  # noqa: ANN401 (any dataclass)
-    return {item.name: getattr(value, item.name) for item in fields(value) if item.init}
+    more = value._more() if isinstance(value, Value) else {}
+    return {item.name: getattr(value, item.name) for item in fields(value) if item.init} | more
 
 
 def _made(kind: type, arguments: dict[str, Any]) -> object:

@@ -12,7 +12,8 @@ def stream_number(name: str, value: int) -> int:
     try:
         number = operator.index(value)
     except TypeError:
-        number = -1
+        msg = f"{name} must be a whole number, got {value!r}"
+        raise TypeError(msg) from None
     if 0 <= number < 2**64:
         return number
     msg = f"{name} = {value!r} is invalid: must be a whole number from 0 to 2**64 - 1"

@@ -106,9 +106,6 @@ def _rows(found: object, dims: int, scans: int, *, identity: bool) -> tuple[list
     if isinstance(found, Tracks):
         positions = array(found.means[:, :dims], "means", 2)
         return found.offsets.tolist(), np.ascontiguousarray(found.ids, dtype=np.uint64), positions
-    if identity:
-        msg = "positions do not say whose they are: for the metric Identity a function must return Tracks"
-        raise ParameterError(msg)
     if not isinstance(found, Iterable):
         msg = f"it returned {type(found).__name__}: it must return Tracks, or positions (k, d) at every scan"
         raise DimensionError(msg)
@@ -116,5 +113,8 @@ def _rows(found: object, dims: int, scans: int, *, identity: bool) -> tuple[list
     if len(parts) != scans:
         msg = f"it returned positions at {len(parts)} scans of {scans}"
         raise DimensionError(msg)
+    if identity:
+        msg = "positions do not say whose they are: for the metric Identity a function must return Tracks"
+        raise ParameterError(msg)
     offsets = [0, *np.cumsum([len(part) for part in parts]).tolist()]
     return offsets, np.zeros(offsets[-1], dtype=np.uint64), np.concatenate([np.zeros((0, dims)), *parts])

@@ -14,15 +14,19 @@ should know about the bootstrap, The American Statistician 69(4), 5.3; t from z:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from trackrs._arrays import FloatArray
+    from collections.abc import Iterator
+
+    from trackrs._arrays import FloatArray, IntArray
 
 RESAMPLES = 10_000
 BATCH = 250  # resamples at once, which bounds the memory
+KEPT = 500  # of so many runs at most the resamples are kept for the next column: 40 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +107,26 @@ def resampled_means(values: FloatArray) -> FloatArray:
         return np.zeros(0)
     if np.all(values == values[0]):
         return np.full(RESAMPLES, values[0])
-    rng = np.random.default_rng(count)
-    picks = (rng.integers(count, size=(BATCH, count)) for _ in range(RESAMPLES // BATCH))
-    means = np.concatenate([values[pick].mean(axis=1) for pick in picks])
+    if count <= KEPT:
+        means = shares(count) @ values
+    else:
+        means = np.concatenate([values[pick].mean(axis=1) for pick in picks(count)])
     middle = values.mean()
     return np.asarray(middle + (means - middle) * widening(count))
+
+
+def picks(count: int) -> Iterator[IntArray]:
+    """Give the numbers of the runs in every resample, some resamples at a time."""
+    rng = np.random.default_rng(count)
+    return (rng.integers(count, size=(BATCH, count)) for _ in range(RESAMPLES // BATCH))
+
+
+@lru_cache(maxsize=4)
+def shares(count: int) -> FloatArray:
+    """Return the share of every run in every resample: the same for all columns and methods of a study."""
+    rows = count * np.arange(BATCH)[:, np.newaxis]
+    counts = [np.bincount((pick + rows).ravel(), minlength=BATCH * count) for pick in picks(count)]
+    return np.concatenate(counts).reshape(RESAMPLES, count) / count
 
 
 def widening(count: int) -> float:

@@ -93,7 +93,7 @@ impl Study {
                 scan_size: size,
             },
             SceneItem::ExtendedTargets(scene) => Scene::ExtendedTargets(scene.core.clone()),
-            SceneItem::Underwater(scene) => Scene::Underwater(scene.core.clone()),
+            SceneItem::Underwater(scene) => Scene::Underwater(Box::new(scene.core.clone())),
             SceneItem::Turning(scene) => Scene::Turning(scene.core.clone()),
         };
         let mut named = Vec::with_capacity(methods.len());
@@ -236,6 +236,6 @@ pub(crate) fn score_tracks<'py>(
         }
         study::score_tracks(&metrics(items)?, &places, &found)
     })?;
-    let columns = if steps == 0 { 0 } else { out.len() / steps };
+    let columns = out.len().checked_div(steps).unwrap_or(0);
     PyArray1::from_vec(py, out).reshape([columns, steps])
 }
