@@ -15,9 +15,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import kstest, t
-from studies import RADAR, angle_filter, close_study, nearest, phd, tracker
 
 import trackrs as tr
+from studies import RADAR, angle_filter, close_study, nearest, phd, tracker
 from trackrs.study import Cardinality, Draw, Identity, LeadError, Part, PositionError
 from trackrs.study._statistics import difference, summarise, widening
 
@@ -316,7 +316,7 @@ def test_no_runs_and_one_run(close):
     assert "1 run, seed 0" in one.table()
 
 
-def test_results_are_joined(close, whole):
+def test_results_are_joined(whole):
     other = close_study(third=tracker(gate=tr.Gate(0.99))).run(23, SEED)
     joined = whole | other
     assert [one.name for one in joined.methods] == ["npda", "nearest", "third"]
@@ -384,7 +384,7 @@ def test_a_model_written_in_python_takes_part_and_its_mistakes_are_named():
     expected = [(run, "mine", "ValueError: out of calls") for run in range(first, 20)]
     assert [(f.run, f.method, f.reason) for f in result.failures] == expected
     assert result["mine"].summary("error").runs == first
-    with pytest.raises(tr.ParameterError, match="refers to itself|cannot be told"):
+    with pytest.raises(tr.ParameterError, match=r"refers to itself|cannot be told"):
         study(1).digest()
 
 
@@ -458,7 +458,7 @@ def test_a_scenario_that_fails_is_named_with_its_run(tmp_path):
     class Breaks(Own):
         def draw(self, seed, run):
             if run == 12:
-                raise OSError("gone")  # noqa: EM101
+                raise OSError("gone")
             return super().draw(seed, run)
 
     study = tr.Study(Breaks(RADAR), {"npda": tracker()}, OSPA)

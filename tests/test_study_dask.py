@@ -6,9 +6,9 @@ import os
 import signal
 
 import pytest
-from studies import close_study
 
 import trackrs as tr
+from studies import close_study
 from trackrs.study import _engines
 
 distributed = pytest.importorskip("distributed")

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from studies import RADAR, close_study, tracker
 
 import trackrs as tr
+from studies import RADAR, close_study, tracker
 from trackrs.study import Part
 from trackrs.study._shards import records
 

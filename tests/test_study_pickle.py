@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from studies import close_study, phd, tracker
 
 import trackrs as tr
+from studies import close_study, phd, tracker
 from trackrs._value import digest
 from trackrs.scenarios import Course, Ellipse, ExtendedTarget, Leg
 
@@ -182,7 +182,7 @@ def test_another_process_gives_the_same_digest():
             text=True,
             check=True,
         )
-        here = [digest_of for digest_of in out.stdout.split()]
+        here = out.stdout.split()
         if seed == "0":
             expected = here
         assert here == expected
@@ -201,14 +201,14 @@ def test_every_argument_changes_it():
         tr.Study(**base | {"metrics": [tr.OSPA(c=60.0, p=1.0)]}),
         tr.Study(**base | {"metrics": [tr.GOSPA(c=60.0)]}),
     ]
-    for changes in (
+    changed = (
         {"gate": tr.Gate(0.9)},
         {"associator": tr.NPDA(clutter_probability=0.2)},
         {"max_gap": 9.0},
         {"filter": "unscented"},
         {"initial": SCENES["close"].initial[:2]},
-    ):
-        values.append(tr.Study(**base | {"methods": {"a": tracker(SCENES["close"], **changes)}}))
+    )
+    values += [tr.Study(**base | {"methods": {"a": tracker(SCENES["close"], **changes)}}) for changes in changed]
     found = [value.digest() for value in values]
     assert len(set(found)) == len(found)
 

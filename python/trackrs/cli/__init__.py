@@ -37,11 +37,12 @@ def _run(args: Sequence[str] | None) -> int:
     import click
 
     from trackrs.cli.evaluate import evaluate
+    from trackrs.cli.study import study
     from trackrs.cli.track import track
 
     group = click.Group(
         "trackrs",
-        commands=[track, evaluate],
+        commands=[track, evaluate, study],
         help="Target tracking: from detections to tracks with honest covariances.",
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
         no_args_is_help=False,
