@@ -93,7 +93,7 @@ def track(scenario: str, config: Config, out: Path) -> Row:
         centres=recording.platforms,
     )
     write_tracks(tracks, out / f"{scenario}.csv")
-    figure = plot_tracks(
+    axes = plot_tracks(
         tracks,
         detections=detection_positions(recording.scans, config.sensors),
         truth=truth,
@@ -103,7 +103,7 @@ def track(scenario: str, config: Config, out: Path) -> Row:
         swap_axes=config.plot.swap_axes,
         title=f"Autoferry {scenario}: two vessels seen from a ferry",
     )
-    figure.savefig(out / f"{scenario}.png")
+    axes.figure.savefig(out / f"{scenario}.png")
     return Row(
         scenario=scenario,
         scans=len(recording.scans),

@@ -69,14 +69,13 @@ def draw(array: str, run: tr.FilterRun, smoothed: tr.SmoothedRun, scene: tr.scen
     """Leave the pictures of the first run."""
     recording = scene.draw(SEED)
     title = f"{array.upper()}: a manoeuvring vessel, 5 % of the ranges wrong by 10 to 100 m"
-    plot_run(run, sensor=scene.array, truth=recording.truth, smoothed=smoothed, title=title).savefig(
-        out / f"{array}.png"
-    )
-    innovations = plot_innovations(run, sensor=scene.array, values=recording.values, title=f"{array.upper()}")
-    innovations.savefig(out / f"{array}_innovations.png")
-    plot_noise(run, sensor=scene.array, title=f"{array.upper()}: noise as estimated").savefig(
-        out / f"{array}_noise.png"
-    )
+    pictures = {
+        "": plot_run(run, sensor=scene.array, truth=recording.truth, smoothed=smoothed, title=title),
+        "_innovations": plot_innovations(run, sensor=scene.array, values=recording.values, title=array.upper()),
+        "_noise": plot_noise(run, sensor=scene.array, title=f"{array.upper()}: noise as estimated"),
+    }
+    for name, axes in pictures.items():
+        axes[0].figure.savefig(out / f"{array}{name}.png")
 
 
 def study(array: str, gross: float, runs: int, out: Path) -> list[Score]:

@@ -140,7 +140,7 @@ def test_extents_are_drawn():
     from trackrs.plot import plot_tracks
 
     tracks = extended().run(SCENE.draw(seed=1).scans[:30])
-    (axes,) = plot_tracks(tracks, extents=True).axes
+    axes = plot_tracks(tracks, extents=True)
     assert len(axes.patches) > 3
     for ellipse in axes.patches:
         row = np.flatnonzero(np.all(tracks.means[:, :2] == ellipse.center, axis=1))[0]

@@ -62,7 +62,7 @@ def test_detections_in_the_plane():
 
 def test_everything_is_drawn(scans, tracks):
     own = np.stack([np.linspace(40.0, 60.0, 40), np.full(40, 20.0)], axis=1)
-    figure = plot_tracks(
+    axes = plot_tracks(
         tracks,
         detections=detection_positions(scans, SENSORS),
         truth=TRUTH,
@@ -71,8 +71,9 @@ def test_everything_is_drawn(scans, tracks):
         title="two boats",
         labels=("north (m)", "east (m)"),
     )
+    figure = axes.figure
     assert isinstance(figure, Figure)
-    (axes,) = figure.axes
+    assert figure.axes == [axes]
     assert legend(axes) == [
         "radar",
         "truth (dot: its start)",
@@ -90,7 +91,7 @@ def test_everything_is_drawn(scans, tracks):
 
 
 def test_ellipses_hold_two_sigma_and_do_not_overlap(tracks):
-    (axes,) = plot_tracks(tracks).axes
+    axes = plot_tracks(tracks)
     ellipses = axes.patches
     assert 8 < len(ellipses) < len(tracks) / 2
     for ellipse in ellipses:
@@ -106,7 +107,7 @@ def test_ellipses_hold_two_sigma_and_do_not_overlap(tracks):
 
 
 def test_swapped_axes(tracks):
-    (axes,) = plot_tracks(tracks, labels=("north (m)", "east (m)"), swap_axes=True).axes
+    axes = plot_tracks(tracks, labels=("north (m)", "east (m)"), swap_axes=True)
     assert axes.get_xlabel() == "east (m)"
     line = axes.lines[0].get_xydata()
     first = tracks.ids == tracks.ids[0]
@@ -114,7 +115,7 @@ def test_swapped_axes(tracks):
 
 
 def test_limits_hold_tracks_and_truth(tracks):
-    (axes,) = plot_tracks(tracks, truth=TRUTH, detections={"radar": [[9999.0, 9999.0]]}).axes
+    axes = plot_tracks(tracks, truth=TRUTH, detections={"radar": [[9999.0, 9999.0]]})
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert left < 0.0
     assert 195.0 < right < 300.0
@@ -125,7 +126,7 @@ def test_limits_hold_tracks_and_truth(tracks):
 def test_own_axes(tracks):
     figure = Figure()
     left, right = figure.subplots(1, 2)
-    assert plot_tracks(tracks, ax=right) is figure
+    assert plot_tracks(tracks, ax=right) is right
     assert len(left.lines) == 0
     assert len(right.lines) == 2
 
@@ -134,7 +135,7 @@ def test_nothing_to_draw():
     tracker = tr.MultiTargetTracker(tr.ConstantVelocity(dims=2, accel_psd=0.1), SENSORS, initiator=tr.MofN(2, 3, 9.0))
     empty = tracker.run([tr.Scan(0.0, [], "radar")])
     for more in ({}, {"detections": {"radar": [[1.0, 2.0]]}}, {"detections": {"radar": np.zeros((0, 2))}}):
-        (axes,) = plot_tracks(empty, **more).axes
+        axes = plot_tracks(empty, **more)
         assert len(axes.patches) == 0
 
 

@@ -22,10 +22,9 @@ GRAPH = tr.DensityPeakPartition().explain(POINTS, noise=NOISE)
 ALONE = "clutter, or alone"
 
 
-def drawn(figure):
-    assert isinstance(figure, Figure)
-    figure.savefig(io.BytesIO(), format="png")
-    (axes,) = figure.axes
+def drawn(axes):
+    assert axes.figure.axes == [axes]
+    axes.figure.savefig(io.BytesIO(), format="png")
     return axes
 
 
@@ -114,8 +113,8 @@ def test_nothing_to_draw():
 def test_own_axes():
     figure = Figure()
     left, right = figure.subplots(1, 2)
-    assert plot_partition(POINTS, GRAPH.labels, ax=left) is figure
-    assert plot_decision_graph(GRAPH, ax=right) is figure
+    assert plot_partition(POINTS, GRAPH.labels, ax=left) is left
+    assert plot_decision_graph(GRAPH, ax=right) is right
     assert len(left.collections) == 4
     assert len(right.collections) == 5
     assert "matplotlib.pyplot" not in sys.modules

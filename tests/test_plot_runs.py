@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
@@ -44,10 +45,12 @@ def plain():
     return tr.KalmanFilter(tr.ConstantVelocity(dims=2, accel_std=0.5), sensor).run(times, values, initial=start)
 
 
-def drawn(figure):
-    assert isinstance(figure, Figure)
+def drawn(axes):
+    assert all(isinstance(one, Axes) for one in axes)
+    figure = axes[0].figure
     figure.savefig(io.BytesIO(), format="png")
-    return figure.axes
+    assert tuple(figure.axes) == axes
+    return axes
 
 
 def legend(axes):
@@ -60,8 +63,8 @@ def line(axes, label):
 
 
 def test_run_shows_track_depth_error_and_verdicts(run):
-    figure = plot_run(run, sensor=SCENE.array, truth=RECORDING.truth, smoothed=run.smooth(), title="bats")
-    plan, depth, error, verdicts = drawn(figure)
+    axes = plot_run(run, sensor=SCENE.array, truth=RECORDING.truth, smoothed=run.smooth(), title="bats")
+    plan, depth, error, verdicts = drawn(axes)
     scale = "2 sigma, 10 times"
     assert legend(plan) == {"hydrophone", "truth", "smoothed", "filtered", "a channel rejected", scale}
     assert np.array_equal(line(plan, "truth"), SCENE.truth[:, :2])
@@ -136,8 +139,8 @@ def test_noise_traces(run):
 
 def test_one_row_and_mistakes(run, plain):
     last = EKF.run(RECORDING.times, RECORDING.values, history="last")
-    for figure in (plot_run(last), plot_innovations(last), plot_noise(last)):
-        drawn(figure)
+    for axes in (plot_run(last), plot_innovations(last), plot_noise(last)):
+        drawn(axes)
     with pytest.raises(tr.ParameterError, match="adapt="):
         plot_noise(plain)
     with pytest.raises(tr.DimensionError, match=r"truth has shape \(2, 3\), the run needs \(161, 3 or more\)"):
@@ -148,3 +151,16 @@ def test_one_row_and_mistakes(run, plain):
     one = kf.run([0.0], [[1.0]], initial=tr.GaussianState([0.0], [[1.0]]))
     with pytest.raises(tr.ParameterError, match="have no position x, y"):
         plot_run(one)
+
+
+def test_own_axes(run):
+    figure = Figure()
+    panels = figure.subplots(5, 2)
+    left, right = tuple(panels[:, 0]), tuple(panels[:, 1])
+    assert plot_innovations(run, sensor=SCENE.array, axes=left) == left
+    assert plot_noise(run, axes=right[:2]) == right[:2]
+    assert plot_run(run, truth=RECORDING.truth, axes=right[1:]) == right[1:]
+    assert all(axes.lines or axes.collections for axes in figure.axes)
+    for draw, count in ((plot_run, 3), (plot_innovations, 5), (plot_noise, 2)):
+        with pytest.raises(tr.DimensionError, match=f"axes has length 1, the picture has {count} panels"):
+            draw(run, axes=left[:1])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from trackrs.cli._output import note, plural, print_json
+from trackrs.cli._page import check_report, evaluate_sections
 from trackrs.config import load_config
 from trackrs.errors import ParameterError
 from trackrs.io import read_scan_table, read_tracks, read_truth
@@ -28,9 +29,14 @@ FILE = click.Path(path_type=Path)
 @click.option(
     "--config", "config_path", type=FILE, required=True, help="TOML file with the tables [truth] and [score]."
 )
+@click.option("--report", type=FILE, help="Write a page with scene, curves and scores, .html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the scores as JSON.")
-def evaluate(truth: Path, tracks: Path, scans: Path | None, config_path: Path, as_json: bool) -> None:
+def evaluate(
+    truth: Path, tracks: Path, scans: Path | None, config_path: Path, report: Path | None, as_json: bool
+) -> None:
     """Score TRACKS, as `trackrs track` writes them, against TRUTH, a table of true positions."""
+    if report is not None:
+        check_report(report, [truth, tracks, scans, config_path])
     config = load_config(config_path)
     if config.truth is None:
         raise ParameterError(f"{config_path}: no table [truth]; add one that names the columns of {truth}")
@@ -58,10 +64,17 @@ def evaluate(truth: Path, tracks: Path, scans: Path | None, config_path: Path, a
         region=score.region,
         centres=None if score.region is None or table is None else table.platforms,
     )
+    if report is not None:
+        from trackrs.report import write_report
+
+        sections = evaluate_sections(result, found, targets, config, table)
+        write_report(report, f"{tracks.name} against {truth.name}", sections, subtitle=_scored(result, score))
     if as_json:
-        print_json(_record(result, score))
+        print_json(_record(result, score) | {"report": None if report is None else str(report)})
     else:
         _print(result, score, truth, tracks)
+        if report is not None:
+            click.echo(f"  written  {report}")
 
 
 def _record(result: Evaluation, score: ScoreConfig) -> dict[str, object]:
@@ -85,11 +98,15 @@ def _record(result: Evaluation, score: ScoreConfig) -> dict[str, object]:
     }
 
 
-def _print(result: Evaluation, score: ScoreConfig, truth: Path, tracks: Path) -> None:
+def _scored(result: Evaluation, score: ScoreConfig) -> str:
     scans = f"{plural(len(result.times), 'scan')}{f' of {score.sensor}' if score.sensor else ''}"
     where = f", within {score.region:g} m of the platform" if score.region else ""
+    return f"{scans}, {result.times[0]:.6g} s to {result.times[-1]:.6g} s{where}"
+
+
+def _print(result: Evaluation, score: ScoreConfig, truth: Path, tracks: Path) -> None:
     alpha = f", alpha = {score.alpha:g}" if score.metric == "gospa" else ""
-    click.echo(f"{tracks} against {truth}: {scans}, {result.times[0]:.6g} s to {result.times[-1]:.6g} s{where}")
+    click.echo(f"{tracks} against {truth}: {_scored(result, score)}")
     mean = result.mean[score.make_metric()]
     click.echo(f"  {score.metric.upper():9}{mean:.2f} m on average (c = {score.c:g} m, p = {score.p:g}{alpha})")
     if score.metric == "gospa":

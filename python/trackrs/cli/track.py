@@ -6,20 +6,23 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import click
 import numpy as np
 
 from trackrs.cli._output import counted, note, plural, print_json
+from trackrs.cli._page import check_output, check_report, track_sections
 from trackrs.config import load_config
 from trackrs.errors import ParameterError
 from trackrs.io import read_scans, read_truth, replacing
-from trackrs.io._files import check_target, table_suffix, write_table
+from trackrs.io._files import table_suffix, write_table
 from trackrs.types import Tracks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
 
     from trackrs.config import Config
     from trackrs.io import Recording
@@ -39,7 +42,8 @@ FILE = click.Path(path_type=Path)
 @click.option("--config", "config_path", type=FILE, required=True, help="TOML file: models, tracker, names of columns.")
 @click.option("--out", type=FILE, required=True, help="Where the tracks go, .csv or .parquet.")
 @click.option("--plot", type=FILE, help="Draw the tracks, .png, .svg or .pdf.")
-@click.option("--truth", "truth_path", type=FILE, help="Table of true positions, for the picture.")
+@click.option("--report", type=FILE, help="Write a page that plays the tracks, .html.")
+@click.option("--truth", "truth_path", type=FILE, help="Table of true positions, for picture and report.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def track(
     detections: Path,
@@ -47,15 +51,17 @@ def track(
     config_path: Path,
     out: Path,
     plot: Path | None,
+    report: Path | None,
     truth_path: Path | None,
     as_json: bool,
 ) -> None:
     """Turn DETECTIONS, a table as CSV or Parquet, into confirmed tracks with covariances."""
     config = load_config(config_path)
     suffix = table_suffix(out)
-    _check_outputs(out, plot, [detections, scans, config_path, truth_path])
-    if truth_path is not None and plot is None:
-        raise click.UsageError("--truth is for the picture: add --plot", click.get_current_context())
+    _check_outputs(out, plot, report, [detections, scans, config_path, truth_path])
+    if truth_path is not None and plot is None and report is None:
+        text = "--truth is for the picture and the report: add --plot or --report"
+        raise click.UsageError(text, click.get_current_context())
     truth: Sequence[Truth] = []
     if truth_path is not None:
         if config.truth is None:
@@ -69,12 +75,22 @@ def track(
     tracks = run_in_chunks(tracker, recording.scans)
     seconds = time.perf_counter() - begun
     with ExitStack() as files:
-        # Both files take their places at the end, or neither does.
+        # All files take their places at the end, or none does.
         write_table(tracks.to_table(), files.enter_context(replacing(out)), suffix)
         if plot is not None:
             picture = files.enter_context(replacing(plot))
             _draw(tracks, recording, config, truth, picture, plot, detections.stem)
-    _report(tracks, tracker, recording, seconds, detections, out, plot, as_json)
+        if report is not None:
+            from trackrs.report import write_report
+
+            with files.enter_context(replacing(report)).open("w", encoding="utf-8") as page:
+                about = (
+                    f"{detections} with {config_path.name}: {plural(len(recording.scans), 'scan')}, "
+                    f"{plural(recording.rows, 'detection')}, {plural(len(np.unique(tracks.ids)), 'track')}"
+                )
+                sections = track_sections(tracks, tracker, recording, config, truth)
+                write_report(page, detections.stem, sections, subtitle=about)
+    _summary(tracks, tracker, recording, seconds, detections, out, plot, report, as_json)
 
 
 def run_in_chunks(tracker: Recorder, scans: Sequence[Scan]) -> Tracks:
@@ -113,20 +129,18 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
     return Tracks(sensors=tuple(name for part in parts for name in part.sensors), labels=parts[0].labels, **arrays)
 
 
-def _check_outputs(out: Path, plot: Path | None, inputs: Sequence[Path | None]) -> None:
+def _check_outputs(out: Path, plot: Path | None, report: Path | None, inputs: Sequence[Path | None]) -> None:
     """Find out before the work what would fail after it."""
+    check_output(out, inputs)
     if plot is not None:
         if plot.suffix.lower() not in PICTURES:
             raise ParameterError(f"{plot}: pictures end in {', '.join(PICTURES)}, not in {plot.suffix!r}; rename it")
         from trackrs.plot import require_matplotlib
 
         require_matplotlib()
-    for output in (out, plot):
-        if output is None:
-            continue
-        check_target(output)
-        if output.exists() and any(path is not None and path.exists() and path.samefile(output) for path in inputs):
-            raise ParameterError(f"{output}: is one of the inputs; name another file")
+        check_output(plot, inputs)
+    if report is not None:
+        check_report(report, inputs)
 
 
 def _draw(
@@ -140,7 +154,7 @@ def _draw(
 ) -> None:
     from trackrs.plot import detection_positions, plot_tracks
 
-    figure = plot_tracks(
+    axes = plot_tracks(
         tracks,
         detections=detection_positions(recording.scans, config.sensors),
         truth=truth,
@@ -150,10 +164,10 @@ def _draw(
         swap_axes=config.plot.swap_axes,
         title=title,
     )
-    figure.savefig(file, format=plot.suffix[1:].lower())
+    cast("Figure", axes.figure).savefig(file, format=plot.suffix[1:].lower())
 
 
-def _report(
+def _summary(
     tracks: Tracks,
     tracker: Recorder,
     recording: Recording,
@@ -161,6 +175,7 @@ def _report(
     detections: Path,
     out: Path,
     plot: Path | None,
+    report: Path | None,
     as_json: bool,
 ) -> None:
     ledger, events = tracker.ledger, tracker.event_counts
@@ -186,6 +201,7 @@ def _report(
                 "seconds": seconds,
                 "out": str(out),
                 "plot": None if plot is None else str(plot),
+                "report": None if report is None else str(report),
             },
         )
         return
@@ -199,4 +215,4 @@ def _report(
         click.echo(f"  left out {counted(recording.ignored)}, as [input] ignore_sensors says")
     click.echo(f"  events   {counted(events) or 'none'}")
     click.echo(f"  tracks   {len(ids)} confirmed, {plural(len(tracks), 'row')}, in {1e3 * seconds:.0f} ms")
-    click.echo(f"  written  {out}" + ("" if plot is None else f", {plot}"))
+    click.echo(f"  written  {', '.join(str(path) for path in (out, plot, report) if path is not None)}")

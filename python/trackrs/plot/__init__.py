@@ -1,6 +1,7 @@
 """Pictures of tracks, of filter runs and of partitions. Needs matplotlib: `pip install "trackrs[plot]"`.
 
-Figures are drawn without pyplot, so that nothing global is touched: save one with `figure.savefig("tracks.png")`.
+Every function takes axes, draws in a new figure where none are given, and returns the axes; several panels are a tuple.
+Nothing goes through pyplot, so that nothing global is touched: `plot_tracks(tracks).figure.savefig("tracks.png")`.
 """
 
 from trackrs.plot._figure import require_matplotlib

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
     from trackrs._arrays import IntArray
@@ -33,7 +32,7 @@ def plot_partition(
     title: str = "",
     axis_labels: Sequence[str] = ("x (m)", "y (m)"),
     ax: Axes | None = None,
-) -> Figure:
+) -> Axes:
     """Draw points in the colours of their cells; clutter, and what is a cell of its own, as crosses.
 
     Args:
@@ -45,7 +44,7 @@ def plot_partition(
         ax: draw here instead of in a new figure.
 
     Returns:
-        The figure.
+        The axes.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
@@ -67,8 +66,7 @@ def plot_partition(
     ax.set_ylabel(axis_labels[1])
     number = len(np.unique(cells[~alone]))
     _finish(ax, title or f"{number} cell{'s' * (number != 1)}")
-    figure: Any = ax.figure  # a subfigure, perhaps
-    return figure  # type: ignore[no-any-return]
+    return ax
 
 
 def plot_decision_graph(
@@ -77,7 +75,7 @@ def plot_decision_graph(
     peak_distance: float | None = None,
     title: str = "",
     ax: Axes | None = None,
-) -> Figure:
+) -> Axes:
     """Draw the decision graph of density peaks: distance to the nearest denser point over density.
 
     Peaks have the colours that `plot_partition` gives the cells of `explained.labels`, those of isolated points are
@@ -91,7 +89,7 @@ def plot_decision_graph(
         ax: draw here instead of in a new figure.
 
     Returns:
-        The figure.
+        The axes.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
@@ -115,8 +113,7 @@ def plot_decision_graph(
     ax.set_xlabel("density rho")
     ax.set_ylabel("delta, distance to the nearest denser point")
     _finish(ax, title)
-    figure: Any = ax.figure  # a subfigure, perhaps
-    return figure  # type: ignore[no-any-return]
+    return ax
 
 
 def _alone(cells: IntArray) -> NDArray[np.bool_]:

@@ -15,6 +15,8 @@ from trackrs.sensor import RangeArray, Sensor
 from trackrs.types import FilterRun, SmoothedRun, Verdict
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
@@ -35,7 +37,8 @@ def plot_run(
     truth: ArrayLike | None = None,
     smoothed: SmoothedRun | None = None,
     title: str = "",
-) -> Figure:
+    axes: Sequence[Axes] | None = None,
+) -> tuple[Axes, ...]:
     """Draw a run: from above, its depth, its error, and the verdict on every channel of every measurement.
 
     Ellipses are 2 sigma, magnified where they would be too small to see; the legend says how much. Crosses on the track
@@ -47,14 +50,16 @@ def plot_run(
         truth: (T, n) where the target really was, positions first.
         smoothed: of the same run.
         title: of the picture.
+        axes: draw here instead of in a new figure: from above, then over time one for each of depth (in 3 dimensions),
+            error (with `truth`) and verdicts (with a screen).
 
     Returns:
-        The figure.
+        The axes.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
         ParameterError: the states have no position in the plane.
-        DimensionError: `truth` does not fit the run.
+        DimensionError: `truth` does not fit the run, or there are not as many `axes` as panels.
     """
     if run.labels[:2] != ("x", "y"):
         msg = f"run is invalid: its states {' '.join(run.labels)} have no position x, y to draw"
@@ -62,8 +67,9 @@ def plot_run(
     dims = 3 if run.labels[2:3] == ("z",) else 2
     real = None if truth is None else _positions(truth, run, dims)
     rows = ["depth"] * (dims == 3) + ["error"] * (real is not None) + ["verdicts"] * (len(run.verdicts) > 0)
-    figure = new_figure(layout="constrained", figsize=(10.0 if rows else 6.0, 5.4))
-    plan, *strips = _panels(figure, rows)
+    if axes is None:
+        axes = _panels(new_figure(layout="constrained", figsize=(10.0 if rows else 6.0, 5.4)), rows, title)
+    plan, *strips = _require(axes, 1 + len(rows))
     _draw_plan(plan, run, sensor, real, smoothed)
     for name, ax in zip(rows, strips, strict=True):
         if name == "depth":
@@ -74,8 +80,7 @@ def plot_run(
             _draw_verdicts(ax, run, _channels(run, sensor))
         if name != "verdicts":
             _draw_restarts(ax, run)
-    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
-    return figure
+    return (plan, *strips)
 
 
 def plot_innovations(
@@ -85,7 +90,8 @@ def plot_innovations(
     sensor: Sensor | None = None,
     values: ArrayLike | None = None,
     title: str = "",
-) -> Figure:
+    axes: Sequence[Axes] | None = None,
+) -> tuple[Axes, ...]:
     """Draw the innovations of every channel in their 2-sigma band and the chi-square test of every measurement.
 
     Args:
@@ -95,17 +101,21 @@ def plot_innovations(
         values: (T, m) the measurements of the run; with them and `sensor` rejected channels are drawn as well, at the
             panel's edge where they lie beyond it.
         title: of the picture.
+        axes: draw here instead of in a new figure: one for each channel, and one for the test.
 
     Returns:
-        The figure.
+        The axes.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
-        DimensionError: `values` do not fit the run.
+        DimensionError: `values` do not fit the run, or there are not as many `axes` as panels.
     """
     channels = _channels(run, sensor)
-    figure = new_figure(layout="constrained", figsize=(9.0, 1.1 * len(channels) + 2.2))
-    axes = figure.subplots(len(channels) + 1, 1, sharex=True, height_ratios=[1.0] * len(channels) + [1.4])
+    if axes is None:
+        figure = new_figure(layout="constrained", figsize=(9.0, 1.1 * len(channels) + 2.2))
+        axes = figure.subplots(len(channels) + 1, 1, sharex=True, height_ratios=[1.0] * len(channels) + [1.4]).tolist()
+        figure.align_ylabels(axes)
+    axes = _require(axes, len(channels) + 1)
     stds = np.sqrt(np.diagonal(run.innovation_covs, axis1=1, axis2=2))
     rejected = _rejected_innovations(run, sensor, values)
     for i, (ax, name) in enumerate(zip(axes, channels, strict=False)):
@@ -141,42 +151,48 @@ def plot_innovations(
     for ax in axes:
         tidy(ax)
         _draw_restarts(ax, run)
-    figure.align_ylabels(axes)
     handles, names = axes[0].get_legend_handles_labels()
     axes[0].set_title(title, loc="left", fontsize="medium", pad=10)
     axes[0].legend(
         handles, names, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=len(names), frameon=False, fontsize=8
     )
-    return figure
+    return axes
 
 
-def plot_noise(run: FilterRun, *, sensor: Sensor | None = None, title: str = "") -> Figure:
+def plot_noise(
+    run: FilterRun, *, sensor: Sensor | None = None, title: str = "", axes: Sequence[Axes] | None = None
+) -> tuple[Axes, ...]:
     """Draw the standard deviations that a run with `adapt` was working with: of the motion above, of the sensor below.
 
     Args:
         run: of a filter with `adapt`.
         sensor: gives the channels their names and the values that R began with.
         title: of the picture.
+        axes: draw here instead of in a new figure: of the motion, and of the sensor.
 
     Returns:
-        The figure.
+        The axes.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
         ParameterError: the run was made without `adapt`.
+        DimensionError: there are not two `axes`.
     """
     if len(run.q_hat) == 0:
         msg = "run is invalid: it was made without adapt=, so that it has no estimates of the noise"
         raise ParameterError(msg)
-    figure = new_figure(layout="constrained", figsize=(9.0, 5.0))
+    if axes is None:
+        figure = new_figure(layout="constrained", figsize=(9.0, 5.0))
+        figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
+        axes = figure.subplots(2, 1, sharex=True).tolist()
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415
 
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    upper, lower = _require(axes, 2)
     estimated = slice(run.start if len(run) > run.start else 0, None)
-    axes = run.q_hat.shape[1]
-    unit = {1: "m/s", 2: "m/s²", 3: "m/s³"}.get(len(run.labels) // axes, "unit of the input")
+    dims = run.q_hat.shape[1]
+    unit = {1: "m/s", 2: "m/s²", 3: "m/s³"}.get(len(run.labels) // dims, "unit of the input")
     parts = (
-        (upper, run.q_hat, [f"axis {name}" for name in run.labels[:axes]], f"motion, root of Q ({unit})"),
+        (upper, run.q_hat, [f"axis {name}" for name in run.labels[:dims]], f"motion, root of Q ({unit})"),
         (lower, run.r_hat, [_with_unit(name) for name in _channels(run, sensor)], "sensor, root of R"),
     )
     for ax, covs, names, label in parts:
@@ -196,12 +212,20 @@ def plot_noise(run: FilterRun, *, sensor: Sensor | None = None, title: str = "")
         _draw_restarts(ax, run)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     lower.set_xlabel("time (s)", fontsize=8)
-    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
-    return figure
+    return (upper, lower)
 
 
-def _panels(figure: Figure, rows: list[str]) -> list[Axes]:
+def _require(axes: Sequence[Axes], count: int) -> tuple[Axes, ...]:
+    """The axes, if there are as many as panels."""
+    if len(axes) == count:
+        return tuple(axes)
+    msg = f"axes has length {len(axes)}, the picture has {count} panels"
+    raise DimensionError(msg)
+
+
+def _panels(figure: Figure, rows: list[str], title: str) -> list[Axes]:
     """The plan and, beside it, the panels over time with one axis of time."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
     if not rows:
         return [figure.add_subplot()]
     heights = {"depth": 1.0, "error": 1.3, "verdicts": 1.0}

@@ -41,18 +41,24 @@ def detection_positions(scans: Iterable[Scan], sensors: Mapping[str, Sensor]) ->
     """
     out: dict[str, list[FloatArray]] = {}
     for scan in scans:
-        sensor = sensors[scan.sensor]
-        if len(scan) == 0 or not isinstance(sensor, PositionSensor | RangeBearing):
-            continue
-        origin = np.zeros(2) if scan.platform is None else scan.platform[:2]
-        if isinstance(sensor, RangeBearing):
-            reach, bearing = scan.values.T
-            points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing)], axis=1) + np.asarray(sensor.position)
-        else:
-            points = scan.values[:, :2]
-        points = points + origin
-        out.setdefault(scan.sensor, []).append(points[~np.isnan(points).any(axis=1)])
+        points = scan_positions(scan, sensors[scan.sensor])
+        if points is not None:
+            out.setdefault(scan.sensor, []).append(points)
     return {name: np.concatenate(out[name]) for name in sensors if name in out}
+
+
+def scan_positions(scan: Scan, sensor: Sensor) -> FloatArray | None:
+    """Return where the complete detections of one scan lie in the plane (k, 2); None if they tell of no position."""
+    if len(scan) == 0 or not isinstance(sensor, PositionSensor | RangeBearing):
+        return None
+    origin = np.zeros(2) if scan.platform is None else scan.platform[:2]
+    if isinstance(sensor, RangeBearing):
+        reach, bearing = scan.values.T
+        points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing)], axis=1) + np.asarray(sensor.position)
+    else:
+        points = scan.values[:, :2]
+    points = points + origin
+    return np.asarray(points[~np.isnan(points).any(axis=1)], dtype=np.float64)
 
 
 def plot_tracks(
@@ -67,7 +73,7 @@ def plot_tracks(
     labels: Sequence[str] = ("x (m)", "y (m)"),
     swap_axes: bool = False,
     ax: Axes | None = None,
-) -> Figure:
+) -> Axes:
     """Draw tracks from above: a line and an id for each, and 2-sigma ellipses at some of its scans.
 
     Args:
@@ -83,7 +89,7 @@ def plot_tracks(
         ax: draw here instead of in a new figure.
 
     Returns:
-        The figure.
+        The axes; `axes.figure.savefig("tracks.png")` keeps the picture.
 
     Raises:
         ImportError: matplotlib is not installed; the message says how to.
@@ -93,8 +99,10 @@ def plot_tracks(
         msg = "extents: these tracks have none"
         raise ParameterError(msg)
     shapes = tracks.extents if extents and tracks.extents is not None else tracks.covs
-    own = ax is None
-    ax = new_figure().add_subplot() if ax is None else ax
+    figure = None
+    if ax is None:
+        figure = new_figure()
+        ax = figure.add_subplot()
     right, up = (1, 0) if swap_axes else (0, 1)
     path = None if own_ship is None else np.asarray(own_ship, dtype=np.float64)
 
@@ -126,10 +134,9 @@ def plot_tracks(
     ax.set_xlabel(labels[right])
     ax.set_ylabel(labels[up])
     ax.set_title(title, loc="left", fontsize="medium")
-    figure: Any = ax.figure  # a subfigure, perhaps
-    if own:
+    if figure is not None:
         _fit(figure, ax)
-    return figure  # type: ignore[no-any-return]
+    return ax
 
 
 def _draw_track(ax: Axes, tracks: Tracks, shapes: FloatArray, rows: IntArray, colour: str, right: int, up: int) -> None:

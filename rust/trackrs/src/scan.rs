@@ -49,20 +49,22 @@ impl Scan {
 
     /// Whether both hold the same sensor, times, platform and reports, bit for bit.
     pub fn same_content(&self, other: &Self) -> bool {
-        let bits = |scan: &Self| -> Vec<Vec<u64>> {
-            let rows = scan.values.iter().map(DVector::as_slice);
-            rows.chain([scan.platform.as_deref().unwrap_or_default()])
-                .chain([scan.times.as_deref().unwrap_or_default()])
-                .map(bit_pattern)
-                .collect()
+        let given = |x: &Option<Vec<f64>>, y: &Option<Vec<f64>>| {
+            same_bits(x.as_deref().unwrap_or_default(), y.as_deref().unwrap_or_default())
         };
-        self.sensor == other.sensor && self.time.to_bits() == other.time.to_bits() && bits(self) == bits(other)
+        let mut rows = self.values.iter().zip(&other.values);
+        self.sensor == other.sensor
+            && self.time.to_bits() == other.time.to_bits()
+            && self.values.len() == other.values.len()
+            && rows.all(|(a, b)| same_bits(a.as_slice(), b.as_slice()))
+            && given(&self.platform, &other.platform)
+            && given(&self.times, &other.times)
     }
 }
 
-/// The bits of some numbers, for exact comparison; NaN equals NaN.
-pub fn bit_pattern(values: &[f64]) -> Vec<u64> {
-    values.iter().map(|v| v.to_bits()).collect()
+/// Whether both hold the same numbers, bit for bit; NaN equals NaN.
+pub(crate) fn same_bits(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
 mod rows {

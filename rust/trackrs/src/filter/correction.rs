@@ -80,6 +80,64 @@ impl MeasurementPrediction {
     }
 }
 
+/// What the updates of some states by one sensor do whatever it reports: their gains and covariances. The innovation moves
+/// the mean alone, x⁺ = x + K r.
+pub(crate) struct Corrections {
+    n: usize,
+    m: usize,
+    /// Kᵀ, m×n each, and P⁺, n×n each.
+    gains: Vec<f64>,
+    covs: Vec<f64>,
+    /// No innovation.
+    still: Vec<f64>,
+    posterior: Gaussian,
+    scratch: Scratch,
+}
+
+impl Corrections {
+    /// Of no state yet.
+    pub(crate) fn new(n: usize, m: usize) -> Self {
+        Self {
+            n,
+            m,
+            gains: Vec::new(),
+            covs: Vec::new(),
+            still: vec![0.0; m],
+            posterior: Gaussian {
+                mean: DVector::zeros(n),
+                cov: DMatrix::zeros(n, n),
+            },
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// m.
+    pub(crate) fn measurement_dim(&self) -> usize {
+        self.m
+    }
+
+    /// Adds that of a state of which this is expected; the index of it is returned.
+    pub(crate) fn push(&mut self, expected: &MeasurementPrediction, prior: &Gaussian) -> usize {
+        expected.posterior_into(prior.into(), &self.still, &mut self.scratch, &mut self.posterior);
+        self.gains.extend_from_slice(&self.scratch.gain);
+        self.covs.extend_from_slice(self.posterior.cov.as_slice());
+        self.gains.len() / (self.m * self.n).max(1) - 1
+    }
+
+    /// The posterior of that state for an innovation of all components.
+    pub(crate) fn posterior(&self, index: usize, prior: &Gaussian, innovation: &[f64]) -> Gaussian {
+        let (n, m) = (self.n, self.m);
+        let mut mean = prior.mean.clone();
+        for (row, &r) in self.gains[index * m * n..].chunks_exact(n.max(1)).zip(innovation) {
+            kernel::add_scaled(mean.as_mut_slice(), r, row);
+        }
+        Gaussian {
+            mean,
+            cov: DMatrix::from_column_slice(n, n, &self.covs[index * n * n..][..n * n]),
+        }
+    }
+}
+
 macro_rules! joseph_of {
     ($($name:ident $m:expr;)*) => {
         $(fn $name<const N: usize>(
@@ -275,6 +333,34 @@ impl Correction {
             nis: self.nis,
             dof: self.dof,
             log_likelihood: self.log_likelihood,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_update_in_two_parts_is_the_update() {
+        let numbers = |rows, columns| DMatrix::from_fn(rows, columns, |i, j| ((i * 7 + j * 5 + 3) % 11) as f64 - 4.7);
+        let cov = |n| {
+            let root = numbers(n, n);
+            &root * root.transpose() + DMatrix::identity(n, n)
+        };
+        for (n, m) in [(4, 2), (5, 3), (3, 1)] {
+            let mut corrections = Corrections::new(n, m);
+            let innovation = DVector::from_fn(m, |i, _| 0.7 - i as f64);
+            let states = [1.0, 3.0].map(|scale| Gaussian {
+                mean: DVector::from_fn(n, |i, _| scale * (i as f64 - 0.3)),
+                cov: cov(n) * scale,
+            });
+            let expect = |state| MeasurementPrediction::new(state, &numbers(m, n), &cov(m)).unwrap();
+            let indices = states.each_ref().map(|state| corrections.push(&expect(state), state));
+            for (state, index) in states.iter().zip(indices) {
+                let whole = expect(state).posterior(state, &innovation);
+                assert_eq!(corrections.posterior(index, state, innovation.as_slice()), whole);
+            }
         }
     }
 }

@@ -97,16 +97,43 @@ pub fn expect(
     if rule == Rule::Once {
         return linearise(prior, sensor, platform);
     }
-    let mut look = Look::new(StateSpace::euclidean(prior.dim()), sensor, &rule.into())?;
-    let target = Target {
-        prior,
-        factor: None,
-        carried: None,
-        sensor,
-        platform,
-    };
-    look.expect(&target, &vec![f64::NAN; sensor.measurement_dim()])?;
-    Ok(look.linearised)
+    let mut expecting = Expecting::new(prior.dim(), sensor, rule)?;
+    expecting.of(prior, sensor, platform)?;
+    Ok(expecting.look.linearised)
+}
+
+/// The same of one state after another, in memory that serves them all.
+pub(crate) struct Expecting {
+    look: Look,
+    unobserved: Vec<f64>,
+}
+
+impl Expecting {
+    /// Of states of length n.
+    pub(crate) fn new(n: usize, sensor: &dyn Sensor, rule: Rule) -> Result<Self> {
+        Ok(Self {
+            look: Look::new(StateSpace::euclidean(n), sensor, &rule.into())?,
+            unobserved: vec![f64::NAN; sensor.measurement_dim()],
+        })
+    }
+
+    /// What that sensor is expected to report of `prior`.
+    pub(crate) fn of(
+        &mut self,
+        prior: &Gaussian,
+        sensor: &dyn Sensor,
+        platform: Option<&DVector<f64>>,
+    ) -> Result<&Linearised> {
+        let target = Target {
+            prior,
+            factor: None,
+            carried: None,
+            sensor,
+            platform,
+        };
+        self.look.expect(&target, &self.unobserved)?;
+        Ok(&self.look.linearised)
+    }
 }
 
 /// How a filter finds the moments of its models and carries its covariances.

@@ -29,7 +29,7 @@ use super::measured_root::MeasuredRoot;
 use super::prediction::{Course, Prediction};
 use super::square_root::Form;
 use crate::error::{Error, Result, require_size};
-use crate::gaussian::Gaussian;
+use crate::gaussian::{Gaussian, Gaussians};
 use crate::linalg::kernel::{self, BadPivot, known, sized};
 use crate::linalg::sparse::Sparse;
 use crate::model::Motion;
@@ -74,19 +74,23 @@ pub fn predict_each<'a>(
     priors: impl IntoIterator<Item = &'a Gaussian>,
     motion: &dyn Motion,
     dt: f64,
-) -> Result<Vec<Gaussian>> {
-    let mut prediction = Prediction::new(motion.space(), rule, Form::Joseph);
+) -> Result<Gaussians> {
+    let space = motion.space();
+    let mut prediction = Prediction::new(space, rule, Form::Joseph);
     let course = Course {
         motion,
         dt,
         input: None,
         noise: None,
     };
-    let mut one = |prior: &Gaussian| {
+    let priors = priors.into_iter();
+    let mut out = Gaussians::new(space.dim);
+    out.reserve(priors.size_hint().0);
+    for prior in priors {
         prediction.predict(prior, None, &course)?;
-        Ok(prediction.state.clone())
-    };
-    priors.into_iter().map(&mut one).collect()
+        out.push(&prediction.state);
+    }
+    Ok(out)
 }
 
 /// Result of one measurement update.
@@ -225,8 +229,7 @@ impl MeasurementPrediction {
     /// The innovation whitened by S; all components observed.
     pub fn whiten(&self, innovation: &DVector<f64>) -> WhitenedInnovation {
         let mut whitened = innovation.clone();
-        kernel::solve_lower::<1>(self.m, 1, &self.lower, whitened.as_mut_slice());
-        let nis = kernel::dot(whitened.as_slice(), whitened.as_slice());
+        let nis = self.nis(innovation.as_slice(), whitened.as_mut_slice());
         WhitenedInnovation {
             whitened,
             nis,
@@ -235,7 +238,14 @@ impl MeasurementPrediction {
         }
     }
 
-    pub(super) fn log_likelihood(&self, nis: f64) -> f64 {
+    /// |L⁻¹ r|² of an innovation of all components; `whitened` becomes L⁻¹ r.
+    pub(crate) fn nis(&self, innovation: &[f64], whitened: &mut [f64]) -> f64 {
+        whitened.copy_from_slice(innovation);
+        kernel::solve_lower::<1>(self.m, 1, &self.lower, whitened);
+        kernel::dot(whitened, whitened)
+    }
+
+    pub(crate) fn log_likelihood(&self, nis: f64) -> f64 {
         -0.5 * (nis + self.log_determinant() + self.m as f64 * LN_TAU)
     }
 
@@ -273,13 +283,8 @@ impl MeasurementPrediction {
 
     /// The posterior for a fully observed innovation.
     pub fn posterior(&self, prior: &Gaussian, innovation: &DVector<f64>) -> Gaussian {
-        self.posterior_using(prior, innovation.as_slice(), &mut Scratch::default())
-    }
-
-    /// The same with memory for what comes between, where there are many.
-    pub(crate) fn posterior_using(&self, prior: &Gaussian, innovation: &[f64], scratch: &mut Scratch) -> Gaussian {
         let mut out = prior.clone();
-        self.posterior_into(prior.into(), innovation, scratch, &mut out);
+        self.posterior_into(prior.into(), innovation.as_slice(), &mut Scratch::default(), &mut out);
         out
     }
 

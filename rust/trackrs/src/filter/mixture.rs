@@ -27,27 +27,44 @@ pub struct Hypothesis {
 
 /// The Gaussian with the mixture's moments; `None` where no weight is positive. A single hypothesis stays as it is, bit
 /// for bit.
-pub fn moment_match(space: &StateSpace, hypotheses: Vec<Hypothesis>) -> Option<Gaussian> {
-    let mut hypotheses: Vec<Hypothesis> = hypotheses.into_iter().filter(|h| h.weight > 0.0).collect();
-    if hypotheses.len() < 2 {
-        return hypotheses.pop().map(|only| only.state);
+pub fn moment_match(space: &StateSpace, hypotheses: &[Hypothesis]) -> Option<Gaussian> {
+    moments(space, hypotheses.iter().map(|h| (h.weight, &h.state)))
+}
+
+/// The same of weights and estimates, wherever they are.
+pub(crate) fn moments<'a>(
+    space: &StateSpace,
+    hypotheses: impl Iterator<Item = (f64, &'a Gaussian)> + Clone,
+) -> Option<Gaussian> {
+    let hypotheses = hypotheses.filter(|(weight, _)| *weight > 0.0);
+    let (_, likeliest) = hypotheses.clone().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    if hypotheses.clone().nth(1).is_none() {
+        return Some(likeliest.clone());
     }
-    let total: f64 = hypotheses.iter().map(|h| h.weight).sum();
-    let likeliest = hypotheses.iter().max_by(|a, b| a.weight.total_cmp(&b.weight))?;
-    let origin = likeliest.state.mean.clone();
-    let mut shift = space.difference(&origin, &origin);
-    for h in &hypotheses {
-        shift += space.difference(&h.state.mean, &origin) * (h.weight / total);
+    let total: f64 = hypotheses.clone().map(|(weight, _)| weight).sum();
+    let origin = &likeliest.mean;
+    let mut e = space.difference(origin, origin);
+    let mut shift = e.clone();
+    for (weight, state) in hypotheses.clone() {
+        space.difference_into(&state.mean, origin, &mut e);
+        add(shift.as_mut_slice(), e.as_slice(), weight / total);
     }
-    let mean = space.retract(&origin, &shift);
-    let mut cov = &likeliest.state.cov * 0.0;
-    for h in &hypotheses {
-        let (share, e) = (h.weight / total, space.difference(&h.state.mean, &mean));
-        cov += &h.state.cov * share;
+    let mean = space.retract(origin, &shift);
+    let mut cov = &likeliest.cov * 0.0;
+    for (weight, state) in hypotheses {
+        let share = weight / total;
+        space.difference_into(&state.mean, &mean, &mut e);
+        add(cov.as_mut_slice(), state.cov.as_slice(), share);
         cov.ger(share, &e, &e, 1.0);
     }
     symmetrise(&mut cov);
     Some(Gaussian { mean, cov })
+}
+
+fn add(sum: &mut [f64], term: &[f64], share: f64) {
+    for (sum, x) in sum.iter_mut().zip(term) {
+        *sum += x * share;
+    }
 }
 
 #[cfg(test)]
@@ -73,7 +90,7 @@ mod tests {
             hypothesis(0.5, [3.0, 1.0], 2.0),
             hypothesis(0.3, [-1.0, 2.0], 4.0),
         ];
-        let found = moment_match(&StateSpace::euclidean(2), parts.clone()).unwrap();
+        let found = moment_match(&StateSpace::euclidean(2), &parts).unwrap();
         let second: DMatrix<f64> = parts
             .iter()
             .map(|h| (&h.state.cov + &h.state.mean * h.state.mean.transpose()) * h.weight)
@@ -90,8 +107,8 @@ mod tests {
     fn a_single_hypothesis_stays_and_none_is_none() {
         let space = StateSpace::euclidean(2);
         let only = hypothesis(0.3, [0.1, 0.2], 0.7);
-        let found = moment_match(&space, vec![hypothesis(0.0, [9.0, 9.0], 9.0), only.clone()]);
+        let found = moment_match(&space, &[hypothesis(0.0, [9.0, 9.0], 9.0), only.clone()]);
         assert_eq!(found, Some(only.state));
-        assert_eq!(moment_match(&space, vec![]), None);
+        assert_eq!(moment_match(&space, &[]), None);
     }
 }

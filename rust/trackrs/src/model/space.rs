@@ -42,12 +42,18 @@ impl StateSpace {
 
     /// The change that leads from `from` to `to`.
     pub fn difference(&self, to: &DVector<f64>, from: &DVector<f64>) -> DVector<f64> {
-        let mut out = to - from;
+        let mut out = to.clone();
+        self.difference_into(to, from, &mut out);
+        out
+    }
+
+    /// The same, length n each, without taking memory.
+    pub(crate) fn difference_into(&self, to: &DVector<f64>, from: &DVector<f64>, out: &mut DVector<f64>) {
+        to.sub_to(from, out);
         if let Some(at) = self.attitude {
             let turn = vector_between(&block(from, at), &block(to, at));
             out.fixed_rows_mut::<3>(at).copy_from(&turn);
         }
-        out
     }
 }
 

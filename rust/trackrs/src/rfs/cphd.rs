@@ -23,10 +23,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Sight;
 use super::gm_phd::{Factors, PointUpdate};
 use super::mixture::Component;
 use super::sums::{log_add, log_sum};
-use super::{Sight, Updated};
 use crate::error::Result;
 
 /// Terms below this share of the largest are nothing.
@@ -124,25 +124,17 @@ pub struct CphdUpdate {
     pub max_targets: usize,
 }
 
-/// Mixture and cardinality after a scan.
-pub struct Cardinalised {
-    /// The mixture.
-    pub updated: Updated,
-    /// The number of targets.
-    pub cardinality: Cardinality,
-}
-
 impl CphdUpdate {
-    /// The mixture and the cardinality after a scan of complete measurements, m numbers each.
+    /// Updates the mixture and the cardinality by a scan of complete measurements, m numbers each.
     pub fn update(
         &self,
-        mixture: &[Component],
-        cardinality: &Cardinality,
+        mixture: &mut Vec<Component>,
+        cardinality: &mut Cardinality,
         measurements: &[f64],
         sight: &Sight<'_>,
-    ) -> Result<Cardinalised> {
+    ) -> Result<usize> {
         let pairs = self.point.pairs(mixture, measurements, sight)?;
-        let masses = pairs.masses();
+        let masses = pairs.masses(mixture);
         let scan = Counts {
             all: libm::log(masses.all),
             missed: libm::log(masses.missed),
@@ -150,10 +142,8 @@ impl CphdUpdate {
             targets: &pairs.log_targets,
         };
         let counted = scan.update(cardinality);
-        Ok(Cardinalised {
-            updated: self.point.assemble(&pairs, &counted.factors),
-            cardinality: counted.cardinality,
-        })
+        *cardinality = counted.cardinality;
+        Ok(self.point.assemble(mixture, &pairs, &counted.factors))
     }
 }
 

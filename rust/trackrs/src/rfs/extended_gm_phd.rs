@@ -28,6 +28,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Sight;
 use super::cells::{Cells, Divisions};
 use super::extent::ExtentModel;
 use super::group::{Block, Found, Member, Superposition, TRACKED, Verdict, blocks};
@@ -36,7 +37,6 @@ use super::rate::RateModel;
 use super::spread::Seen;
 use super::sums::{log_add, log_sum};
 use super::view::Noise;
-use super::{Sight, Updated};
 use crate::error::{Error, Result};
 use crate::model::Sensor;
 use crate::model::sensor::wrap_angle;
@@ -70,7 +70,7 @@ struct Scene<'a> {
     sight: &'a Sight<'a>,
     noise: Noise,
     log_clutter: f64,
-    mixture: &'a [Component],
+    mixture: Vec<&'a Component>,
     seen: Vec<Seen>,
     log_counts: Vec<Vec<f64>>,
 }
@@ -89,36 +89,41 @@ impl ExtendedUpdate {
         partition::partitions(partitioner, &none, self.clutter_filter.as_ref()).map(|_| ())
     }
 
-    /// The mixture after a scan of complete measurements, m numbers each.
-    pub fn update(&self, mixture: &[Component], measurements: &[f64], sight: &Sight<'_>) -> Result<Updated> {
+    /// Updates the mixture by a scan of complete measurements, m numbers each.
+    pub fn update(&self, mixture: &mut Vec<Component>, measurements: &[f64], sight: &Sight<'_>) -> Result<usize> {
         let m = sight.sensor.measurement_dim().max(1);
         let z = unwrapped(measurements, m, sight.sensor.angles());
         let noise = Noise::of(sight.sensor)?;
-        let mut views = Vec::with_capacity(mixture.len());
-        let (mut seen, mut components) = (Vec::with_capacity(mixture.len()), mixture.to_vec());
-        for component in &mut components {
-            if let Ok(view) = Seen::new(component, sight, &noise, z.len() / m) {
+        let (mut seen, mut views) = (Vec::with_capacity(mixture.len()), Vec::with_capacity(mixture.len()));
+        let mut is_seen = Vec::with_capacity(mixture.len());
+        for component in mixture.iter() {
+            let view = Seen::new(component, sight, &noise, z.len() / m);
+            is_seen.push(view.is_ok());
+            if let Ok(view) = view {
                 views.push(view);
-                seen.push(component.clone());
-                component.weight *= 1.0 - sight.detection_probability * (1.0 - self.rates.silent(component.rate));
+                seen.push(component);
             }
         }
         let skipped = mixture.len() - seen.len();
-        if z.is_empty() || seen.is_empty() {
-            return Ok(Updated { components, skipped });
-        }
-        let scene = Scene::new(self, &seen, views, noise, sight, z.len() / m);
-        for block in scene.blocks(&z)? {
-            if block.measurements.is_empty() {
-                continue;
+        let mut detected = Vec::new();
+        if !z.is_empty() && !seen.is_empty() {
+            let scene = Scene::new(self, seen, views, noise, sight, z.len() / m);
+            for block in scene.blocks(&z)? {
+                if block.measurements.is_empty() {
+                    continue;
+                }
+                let mut part = Vec::with_capacity(block.measurements.len() * m);
+                for &i in &block.measurements {
+                    part.extend_from_slice(&z[i * m..(i + 1) * m]);
+                }
+                scene.resolve(&block, &part, &mut detected)?;
             }
-            let mut part = Vec::with_capacity(block.measurements.len() * m);
-            for &i in &block.measurements {
-                part.extend_from_slice(&z[i * m..(i + 1) * m]);
-            }
-            scene.resolve(&block, &part, &mut components)?;
         }
-        Ok(Updated { components, skipped })
+        for (component, _) in mixture.iter_mut().zip(is_seen).filter(|(_, is_seen)| *is_seen) {
+            component.weight *= 1.0 - sight.detection_probability * (1.0 - self.rates.silent(component.rate));
+        }
+        mixture.append(&mut detected);
+        Ok(skipped)
     }
 }
 
@@ -126,7 +131,7 @@ impl<'a> Scene<'a> {
     /// The scene of a scan with so many measurements.
     fn new(
         update: &'a ExtendedUpdate,
-        mixture: &'a [Component],
+        mixture: Vec<&'a Component>,
         seen: Vec<Seen>,
         noise: Noise,
         sight: &'a Sight<'a>,
@@ -136,9 +141,9 @@ impl<'a> Scene<'a> {
             update,
             sight,
             log_clutter: libm::log(sight.clutter_density),
-            mixture,
             seen,
             log_counts: mixture.iter().map(|c| update.rates.log_counts(c.rate, count)).collect(),
+            mixture,
             noise,
         }
     }
@@ -262,7 +267,7 @@ impl<'a> Scene<'a> {
     }
 
     fn updated(&self, j: usize, y: &[f64], count: f64, scatter: &[f64], weight: f64) -> Component {
-        let (component, seen) = (&self.mixture[j], &self.seen[j]);
+        let (component, seen) = (self.mixture[j], &self.seen[j]);
         let extent = component.extent.as_ref();
         Component {
             weight,
@@ -316,7 +321,7 @@ impl<'a> Scene<'a> {
                         let r = Member::existence(self.mixture[j].weight);
                         out.push(Component {
                             weight: weight * r * missed / (1.0 - r * self.sight.detection_probability),
-                            ..self.mixture[j].clone()
+                            ..(*self.mixture[j]).clone()
                         });
                     }
                 }

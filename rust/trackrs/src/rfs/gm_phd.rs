@@ -15,17 +15,17 @@
 //! Reference: Vo, Ma (2006), The Gaussian mixture probability hypothesis density filter, IEEE TSP 54(11), eqs. 33 to 38;
 //! docs/intensity_filters.md.
 
-use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
+use super::Sight;
 use super::mixture::Component;
 use super::sums::{log_add, log_sum};
-use super::{Sight, Updated};
 use crate::error::Result;
-use crate::filter::correction::Scratch;
-use crate::filter::extended::{Linearised, expect};
+use crate::filter::correction::Corrections;
+use crate::filter::extended::{Expecting, Linearised};
 use crate::gating::mahalanobis::Gate;
 use crate::model::sensor::residual_into;
+use crate::stats::chi_square;
 
 /// How measurements become targets.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -39,19 +39,23 @@ pub struct PointUpdate {
 /// A component and a measurement that may be its own.
 struct Pair {
     component: usize,
+    measurement: usize,
     log_likelihood: f64,
     /// Where its innovation begins.
     innovation: usize,
+    /// The component's correction.
+    correction: usize,
 }
 
 /// All pairs of a scan.
-pub(super) struct Pairs<'a> {
-    mixture: &'a [Component],
-    /// What the sensor should report of every component; none where that cannot be said.
-    expected: Vec<Option<Linearised>>,
-    of_measurement: Vec<Vec<Pair>>,
+pub(super) struct Pairs {
+    /// By measurements, those of each by components.
+    pairs: Vec<Pair>,
+    /// Whether it can be said what the sensor should report of a component.
+    seen: Vec<bool>,
     /// z − ĥ of all pairs, angles wrapped.
     innovations: Vec<f64>,
+    corrections: Corrections,
     /// ln Σ_j L_jz.
     pub(super) log_targets: Vec<f64>,
     detection_probability: f64,
@@ -66,8 +70,8 @@ pub(super) struct Factors {
 }
 
 impl PointUpdate {
-    /// The mixture after a scan of complete measurements, m numbers each.
-    pub fn update(&self, mixture: &[Component], measurements: &[f64], sight: &Sight<'_>) -> Result<Updated> {
+    /// Updates the mixture by a scan of complete measurements, m numbers each.
+    pub fn update(&self, mixture: &mut Vec<Component>, measurements: &[f64], sight: &Sight<'_>) -> Result<usize> {
         let pairs = self.pairs(mixture, measurements, sight)?;
         let log_clutter = libm::log(sight.clutter_density);
         let factors = Factors {
@@ -78,114 +82,110 @@ impl PointUpdate {
                 .map(|&total| -log_add(total, log_clutter))
                 .collect(),
         };
-        Ok(self.assemble(&pairs, &factors))
+        Ok(self.assemble(mixture, &pairs, &factors))
     }
 
-    pub(super) fn pairs<'a>(
-        &self,
-        mixture: &'a [Component],
-        measurements: &[f64],
-        sight: &Sight<'_>,
-    ) -> Result<Pairs<'a>> {
+    pub(super) fn pairs(&self, mixture: &[Component], measurements: &[f64], sight: &Sight<'_>) -> Result<Pairs> {
+        let n = mixture.first().map_or(0, |component| component.state.dim());
         let m = sight.sensor.measurement_dim().max(1);
-        let threshold = self.gate.thresholds(m)?.last().copied().unwrap_or(0.0);
+        let threshold = chi_square::quantile(self.gate.probability(), m)?;
         let log_detected = libm::log(sight.detection_probability);
         let count = measurements.len() / m;
-        let mut of_measurement: Vec<Vec<Pair>> = (0..count).map(|_| Vec::new()).collect();
-        let mut expected = Vec::with_capacity(mixture.len());
         // Where the first component adds, only measurements near in it can be in the gate.
         let sorted = !sight.sensor.angles().contains(&0);
-        let first = |z: usize| measurements[z * m];
-        let mut order: Vec<usize> = (0..count).collect();
+        let mut order: Vec<(f64, usize)> = (0..count).map(|z| (measurements[z * m], z)).collect();
         if sorted {
-            order.sort_by(|&a, &b| first(a).total_cmp(&first(b)));
+            order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         }
-        let (mut innovation, mut innovations) = (vec![0.0; m], Vec::new());
+        let mut expecting = Expecting::new(n, sight.sensor, sight.rule)?;
+        let (mut innovation, mut whitened, mut widths) = (vec![0.0; m], vec![0.0; m], vec![0.0; m]);
+        let mut out = Pairs {
+            pairs: Vec::with_capacity(mixture.len()),
+            seen: Vec::with_capacity(mixture.len()),
+            innovations: Vec::with_capacity(mixture.len() * m),
+            corrections: Corrections::new(n, m),
+            log_targets: vec![f64::NEG_INFINITY; count],
+            detection_probability: sight.detection_probability,
+        };
         for (component, prior) in mixture.iter().enumerate() {
-            let Ok(linearised) = expect(&prior.state, sight.sensor, sight.platform, sight.rule) else {
-                expected.push(None);
+            let expected = expecting.of(&prior.state, sight.sensor, sight.platform);
+            out.seen.push(expected.is_ok());
+            let Ok(Linearised { expected, prediction }) = expected else {
                 continue;
             };
-            let s = linearised.prediction.cov();
-            let widths: Vec<f64> = (0..m).map(|i| libm::sqrt(threshold * s[(i, i)])).collect();
+            let s = prediction.cov();
+            for (i, width) in widths.iter_mut().enumerate() {
+                *width = libm::sqrt(threshold * s[(i, i)]);
+            }
             let mut near = &order[..];
             if sorted {
-                let centre = linearised.expected[0];
-                let from = near.partition_point(|&z| first(z) < centre - widths[0]);
-                let to = near.partition_point(|&z| first(z) <= centre + widths[0]);
+                let centre = expected[0];
+                let from = near.partition_point(|z| z.0 < centre - widths[0]);
+                let to = near.partition_point(|z| z.0 <= centre + widths[0]);
                 near = &near[from..to.max(from)];
             }
             let log_prior = libm::log(prior.weight) + log_detected;
-            for &z in near {
-                let measured = &measurements[z * m..(z + 1) * m];
-                residual_into(sight.sensor, measured, linearised.expected.as_slice(), &mut innovation);
+            let mut correction = None;
+            for &(_, measurement) in near {
+                let measured = &measurements[measurement * m..][..m];
+                residual_into(sight.sensor, measured, expected.as_slice(), &mut innovation);
                 if innovation.iter().zip(&widths).any(|(r, width)| r.abs() > *width) {
                     continue;
                 }
-                let white = linearised.prediction.whiten(&DVector::from_column_slice(&innovation));
-                if white.nis <= threshold {
-                    of_measurement[z].push(Pair {
+                let nis = prediction.nis(&innovation, &mut whitened);
+                if nis <= threshold {
+                    out.pairs.push(Pair {
                         component,
-                        log_likelihood: log_prior + white.log_likelihood,
-                        innovation: innovations.len(),
+                        measurement,
+                        log_likelihood: log_prior + prediction.log_likelihood(nis),
+                        innovation: out.innovations.len(),
+                        correction: *correction.get_or_insert_with(|| out.corrections.push(prediction, &prior.state)),
                     });
-                    innovations.extend_from_slice(&innovation);
+                    out.innovations.extend_from_slice(&innovation);
                 }
             }
-            expected.push(Some(linearised));
         }
-        let total = |pairs: &Vec<Pair>| log_sum(&pairs.iter().map(|pair| pair.log_likelihood).collect::<Vec<_>>());
-        Ok(Pairs {
-            mixture,
-            expected,
-            log_targets: of_measurement.iter().map(total).collect(),
-            of_measurement,
-            innovations,
-            detection_probability: sight.detection_probability,
-        })
+        out.pairs.sort_by_key(|pair| pair.measurement);
+        let mut terms = Vec::new();
+        for pairs in out.pairs.chunk_by(|a, b| a.measurement == b.measurement) {
+            terms.clear();
+            terms.extend(pairs.iter().map(|pair| pair.log_likelihood));
+            out.log_targets[pairs[0].measurement] = log_sum(&terms);
+        }
+        Ok(out)
     }
 
-    pub(super) fn assemble(&self, pairs: &Pairs<'_>, factors: &Factors) -> Updated {
-        let mut components = pairs.mixture.to_vec();
-        let mut skipped = 0;
-        for (component, expected) in components.iter_mut().zip(&pairs.expected) {
-            if expected.is_some() {
-                component.weight *= (1.0 - pairs.detection_probability) * factors.missed;
-            } else {
-                component.weight *= factors.missed;
-                skipped += 1;
-            }
+    pub(super) fn assemble(&self, mixture: &mut Vec<Component>, pairs: &Pairs, factors: &Factors) -> usize {
+        for (component, seen) in mixture.iter_mut().zip(&pairs.seen) {
+            let missed = if *seen { 1.0 - pairs.detection_probability } else { 1.0 };
+            component.weight *= missed * factors.missed;
         }
-        let mut scratch = Scratch::default();
-        for (of_measurement, log_detected) in pairs.of_measurement.iter().zip(&factors.log_detected) {
-            for pair in of_measurement {
-                let weight = libm::exp(pair.log_likelihood + log_detected);
-                let Some(expected) = pairs.expected[pair.component].as_ref().filter(|_| weight > self.prune) else {
-                    continue;
-                };
-                let prior = &pairs.mixture[pair.component];
-                let innovation = &pairs.innovations[pair.innovation..][..expected.expected.len()];
-                components.push(Component {
+        let m = pairs.corrections.measurement_dim();
+        mixture.reserve(pairs.pairs.len());
+        for pair in &pairs.pairs {
+            let weight = libm::exp(pair.log_likelihood + factors.log_detected[pair.measurement]);
+            if weight > self.prune {
+                let prior = &mixture[pair.component];
+                let innovation = &pairs.innovations[pair.innovation..][..m];
+                mixture.push(Component {
                     weight,
-                    state: expected
-                        .prediction
-                        .posterior_using(&prior.state, innovation, &mut scratch),
+                    state: pairs.corrections.posterior(pair.correction, &prior.state, innovation),
                     rate: prior.rate,
                     extent: None,
                     label: prior.label,
                 });
             }
         }
-        Updated { components, skipped }
+        pairs.seen.iter().filter(|seen| !**seen).count()
     }
 }
 
-impl Pairs<'_> {
-    /// Σ w over all components, and over them as missed.
-    pub(super) fn masses(&self) -> Masses {
+impl Pairs {
+    /// Σ w over all components of the mixture, and over them as missed.
+    pub(super) fn masses(&self, mixture: &[Component]) -> Masses {
         let mut out = Masses { all: 0.0, missed: 0.0 };
-        for (component, expected) in self.mixture.iter().zip(&self.expected) {
-            let missed = expected.as_ref().map_or(1.0, |_| 1.0 - self.detection_probability);
+        for (component, seen) in mixture.iter().zip(&self.seen) {
+            let missed = if *seen { 1.0 - self.detection_probability } else { 1.0 };
             out.all += component.weight;
             out.missed += component.weight * missed;
         }

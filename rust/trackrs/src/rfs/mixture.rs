@@ -16,15 +16,14 @@
 //! Reference: Vo, Ma (2006), The Gaussian mixture probability hypothesis density filter, IEEE TSP 54(11), tables II and III;
 //! extended-target spec 5.
 
-use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use super::extent;
 use super::rate::Rate;
 use crate::error::{Error, Result, require_non_negative};
-use crate::filter::mixture::{Hypothesis, moment_match};
+use crate::filter::mixture::moments;
 use crate::gaussian::Gaussian;
-use crate::linalg::kernel;
+use crate::linalg::kernel::{self, BadPivot, known, sized};
 use crate::model::StateSpace;
 use crate::track::Extent;
 
@@ -103,92 +102,162 @@ impl Reduction {
     }
 
     /// The reduced mixture.
-    pub fn reduce(&self, components: Vec<Component>) -> Result<Vec<Merged>> {
-        let mut left: Vec<Component> = components.into_iter().filter(|c| c.weight > self.prune).collect();
+    pub fn reduce(&self, mut components: Vec<Component>) -> Result<Vec<Merged>> {
+        let mut order: Vec<(f64, usize)> = components.iter().map(|c| c.weight).zip(0..).collect();
+        order.retain(|(weight, _)| *weight > self.prune);
         // Heaviest first; equal weights stay in their order.
-        left.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        let mut factors: Vec<Vec<f64>> = vec![Vec::new(); left.len()];
-        let mut taken = vec![false; left.len()];
-        let mut scratch = Vec::new();
-        let (mut out, mut members) = (Vec::new(), Vec::new());
-        for j in 0..left.len() {
-            if taken[j] {
-                continue;
-            }
+        order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let mut places = Places::new(self.merge, order.iter().map(|&(_, i)| &components[i].state));
+        let mut left: Vec<usize> = (0..order.len()).collect();
+        let (mut kept, mut members) = (Vec::with_capacity(order.len()), Vec::new());
+        while let [heaviest, rest @ ..] = &mut left[..] {
+            let component = order[*heaviest].1;
             members.clear();
-            members.push(j);
-            for i in j + 1..left.len() {
-                if !taken[i] && self.joins(&left[i].state, &left[j].state.mean, &mut factors[i], &mut scratch)? {
-                    taken[i] = true;
-                    members.push(i);
+            members.push(component);
+            let mut staying = 0;
+            for at in 0..rest.len() {
+                let i = rest[at];
+                if places.joins(i, *heaviest, &components[order[i].1].state)? {
+                    members.push(order[i].1);
+                } else {
+                    rest[staying] = i;
+                    staying += 1;
                 }
             }
-            out.push(merged(&left, &members));
+            left.copy_within(1..=staying, 0);
+            left.truncate(staying);
+            kept.push(Kept {
+                component,
+                labels: merge(&mut components, &members),
+            });
         }
-        if out.len() > self.max_components {
-            let mut order: Vec<usize> = (0..out.len()).collect();
-            order.sort_by(|&a, &b| out[b].component.weight.total_cmp(&out[a].component.weight));
-            let mut stays = vec![false; out.len()];
-            order[..self.max_components].iter().for_each(|&i| stays[i] = true);
+        if kept.len() > self.max_components {
+            let weight = |kept: &Kept| components[kept.component].weight;
+            let mut heaviest: Vec<usize> = (0..kept.len()).collect();
+            heaviest.sort_by(|&a, &b| weight(&kept[b]).total_cmp(&weight(&kept[a])));
+            let mut stays = vec![false; kept.len()];
+            heaviest[..self.max_components].iter().for_each(|&i| stays[i] = true);
             let mut stays = stays.into_iter();
-            out.retain(|_| stays.next() == Some(true));
+            kept.retain(|_| stays.next() == Some(true));
         }
-        Ok(out)
-    }
-
-    /// Whether a component lies within U of a mean; its factor is found when it is first needed.
-    fn joins(&self, state: &Gaussian, mean: &DVector<f64>, factor: &mut Vec<f64>, e: &mut Vec<f64>) -> Result<bool> {
-        let n = mean.len();
-        e.clear();
-        // eᵀ P⁻¹ e is at least e_k² / P_kk for every k.
-        for k in 0..n {
-            let off = state.mean[k] - mean[k];
-            if off * off > self.merge * state.cov[(k, k)] {
-                return Ok(false);
-            }
-            e.push(off);
-        }
-        if factor.is_empty() {
-            factor.extend_from_slice(state.cov.as_slice());
-            kernel::cholesky(n, factor).map_err(|pivot| Error::NotPositiveDefinite {
-                what: "component covariance".into(),
-                pivot: pivot.index,
-                value: pivot.value,
-            })?;
-        }
-        kernel::solve_lower::<1>(n, 1, factor, e);
-        Ok(kernel::dot(e, e) <= self.merge)
+        let mut components: Vec<Option<Component>> = components.into_iter().map(Some).collect();
+        let merged = |Kept { component, labels }: Kept| {
+            let component = components[component].take()?;
+            Some(Merged { component, labels })
+        };
+        Ok(kept.into_iter().filter_map(merged).collect())
     }
 }
 
-fn merged(all: &[Component], members: &[usize]) -> Merged {
-    let first = &all[members[0]];
-    if members.len() == 1 {
-        return Merged {
-            component: first.clone(),
-            labels: vec![first.label],
+/// Where a component stands that others went into.
+struct Kept {
+    component: usize,
+    labels: Vec<u64>,
+}
+
+/// Where components are, in one piece of memory, since every one is compared with every other.
+struct Places {
+    /// U.
+    merge: f64,
+    /// n.
+    dim: usize,
+    means: Vec<f64>,
+    /// U P_kk.
+    reaches: Vec<f64>,
+    /// Cholesky factors of P, n×n, of those that needed one so far, and where they begin.
+    factors: Vec<f64>,
+    factor_of: Vec<Option<usize>>,
+    offset: Vec<f64>,
+}
+
+impl Places {
+    fn new<'a>(merge: f64, states: impl ExactSizeIterator<Item = &'a Gaussian> + Clone) -> Self {
+        let dim = states.clone().next().map_or(0, Gaussian::dim);
+        let mut out = Self {
+            merge,
+            dim,
+            means: Vec::with_capacity(states.len() * dim),
+            reaches: Vec::with_capacity(states.len() * dim),
+            factors: Vec::with_capacity(states.len() * dim * dim),
+            factor_of: vec![None; states.len()],
+            offset: Vec::with_capacity(dim),
         };
+        for state in states {
+            out.means.extend_from_slice(state.mean.as_slice());
+            let variances = state.cov.as_slice().iter().step_by(dim + 1);
+            out.reaches.extend(variances.map(|variance| merge * variance));
+        }
+        out
     }
-    let mut labels: Vec<u64> = Vec::with_capacity(1);
-    for &i in members {
-        if !labels.contains(&all[i].label) {
-            labels.push(all[i].label);
+
+    /// Whether component i, whose state this is, lies within U of the mean of j.
+    fn joins(&mut self, i: usize, j: usize, state: &Gaussian) -> Result<bool> {
+        let n = self.dim;
+        let (from, to) = (&self.means[i * n..][..n], &self.means[j * n..][..n]);
+        // eᵀ P⁻¹ e is at least e_k² / P_kk for every k.
+        for ((x, y), reach) in from.iter().zip(to).zip(&self.reaches[i * n..][..n]) {
+            let off = x - y;
+            if off * off > *reach {
+                return Ok(false);
+            }
+        }
+        let at = match self.factor_of[i] {
+            Some(at) => at,
+            None => self.factorise(i, state)?,
+        };
+        let (from, to) = (&self.means[i * n..][..n], &self.means[j * n..][..n]);
+        let e = &mut self.offset;
+        e.clear();
+        e.extend(from.iter().zip(to).map(|(x, y)| x - y));
+        kernel::solve_lower::<1>(n, 1, &self.factors[at..][..n * n], e);
+        Ok(kernel::dot(e, e) <= self.merge)
+    }
+
+    fn factorise(&mut self, i: usize, state: &Gaussian) -> Result<usize> {
+        let at = self.factors.len();
+        self.factors.extend_from_slice(state.cov.as_slice());
+        sized!(factor(self.dim, &mut self.factors[at..])).map_err(|pivot| Error::NotPositiveDefinite {
+            what: "component covariance".into(),
+            pivot: pivot.index,
+            value: pivot.value,
+        })?;
+        self.factor_of[i] = Some(at);
+        Ok(at)
+    }
+}
+
+fn factor<const N: usize>(n: usize, cov: &mut [f64]) -> std::result::Result<(), BadPivot> {
+    kernel::cholesky(known::<N>(n), cov)
+}
+
+/// Puts all members into the first of them; the labels that went into it are returned, its own first.
+fn merge(all: &mut [Component], members: &[usize]) -> Vec<u64> {
+    let first = members[0];
+    let mut labels = vec![all[first].label];
+    if members.len() == 1 {
+        return labels;
+    }
+    let parts = members.iter().map(|&i| &all[i]);
+    for part in parts.clone() {
+        if !labels.contains(&part.label) {
+            labels.push(part.label);
         }
     }
-    let rates: Vec<(f64, Rate)> = members.iter().map(|&i| (all[i].weight, all[i].rate)).collect();
-    let extent = |&i: &usize| all[i].extent.as_ref().map(|extent| (all[i].weight, extent));
-    let extents: Vec<(f64, &Extent)> = members.iter().filter_map(extent).collect();
-    let hypotheses = members.iter().map(|&i| Hypothesis {
-        weight: all[i].weight,
-        state: all[i].state.clone(),
-    });
-    let space = StateSpace::euclidean(first.state.dim());
-    let component = Component {
-        weight: members.iter().map(|&i| all[i].weight).sum(),
-        state: moment_match(&space, hypotheses.collect()).unwrap_or_else(|| first.state.clone()),
-        rate: Rate::merged(&rates).unwrap_or(first.rate),
-        extent: extent::merged(&extents).or_else(|| first.extent.clone()),
-        label: first.label,
-    };
-    Merged { component, labels }
+    let rates: Vec<(f64, Rate)> = parts.clone().map(|c| (c.weight, c.rate)).collect();
+    let extents: Vec<(f64, &Extent)> = parts
+        .clone()
+        .filter_map(|c| c.extent.as_ref().map(|extent| (c.weight, extent)))
+        .collect();
+    let space = StateSpace::euclidean(all[first].state.dim());
+    let weight = parts.clone().map(|c| c.weight).sum();
+    let state = moments(&space, parts.map(|c| (c.weight, &c.state)));
+    let (rate, extent) = (Rate::merged(&rates), extent::merged(&extents));
+    let target = &mut all[first];
+    target.weight = weight;
+    if let Some(state) = state {
+        target.state = state;
+    }
+    target.rate = rate.unwrap_or(target.rate);
+    target.extent = extent.or_else(|| target.extent.take());
+    labels
 }

@@ -1,4 +1,9 @@
 //! Random finite sets: filters that carry the intensity of all targets together, as a mixture of Gaussians.
+//!
+//! An update turns the mixture, where it stands, into that after the scan, not reduced: first all components as missed, then
+//! those that the measurements make. It returns how many components could not be compared with the scan, because the sensor
+//! stands on them or their covariance is not positive definite: these do not count as missed. With an error the mixture stays
+//! as it was.
 
 pub(crate) mod cells;
 pub mod cphd;
@@ -17,7 +22,6 @@ use nalgebra::DVector;
 
 use crate::filter::extended::Rule;
 use crate::model::Sensor;
-use mixture::Component;
 
 /// What a sensor measures, of what, and how it is seen.
 pub struct Sight<'a> {
@@ -31,13 +35,4 @@ pub struct Sight<'a> {
     pub detection_probability: f64,
     /// κ.
     pub clutter_density: f64,
-}
-
-/// What an update gives.
-pub struct Updated {
-    /// The mixture, not reduced: first all components as missed.
-    pub components: Vec<Component>,
-    /// Components that could not be compared with the scan, because the sensor stands on them or their covariance is not
-    /// positive definite. They stay as they were.
-    pub skipped: usize,
 }

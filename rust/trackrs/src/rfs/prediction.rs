@@ -76,33 +76,24 @@ impl Fate {
         Ok(())
     }
 
-    /// The mixture `dt` seconds later, without the newborn.
+    /// Makes the mixture that of `dt` seconds later, without the newborn; with an error it stays as it is.
     pub(crate) fn survive(
         &self,
-        mixture: &[Component],
+        mixture: &mut Vec<Component>,
         motion: &dyn Motion,
         rule: Rule,
         rates: RateModel,
         dt: f64,
         next_label: &mut u64,
-    ) -> Result<Vec<Component>> {
-        let mut out = Vec::with_capacity(mixture.len() * (1 + self.spawns.len()) + self.births.len());
+    ) -> Result<()> {
         let states = predict_each(rule, mixture.iter().map(|component| &component.state), motion, dt)?;
-        for (component, state) in mixture.iter().zip(states) {
-            out.push(Component {
-                weight: component.weight * self.survival_probability,
-                state,
-                rate: rates.predicted(component.rate),
-                extent: component.extent.clone(),
-                label: component.label,
-            });
-        }
-        for component in mixture {
+        let mut spawned = Vec::with_capacity(mixture.len() * self.spawns.len());
+        for component in mixture.iter() {
             for spawn in &self.spawns {
                 let state = &component.state;
                 let moved = motion.propagate(&state.mean, dt);
                 let slope = motion.jacobian(&state.mean, dt);
-                out.push(Component {
+                spawned.push(Component {
                     weight: component.weight * spawn.weight,
                     state: Gaussian::new(
                         moved + &spawn.offset,
@@ -114,7 +105,15 @@ impl Fate {
                 });
             }
         }
-        Ok(out)
+        for (index, component) in mixture.iter_mut().enumerate() {
+            let state = states.view(index);
+            component.weight *= self.survival_probability;
+            component.state.mean.as_mut_slice().copy_from_slice(state.mean);
+            component.state.cov.as_mut_slice().copy_from_slice(state.cov);
+            component.rate = rates.predicted(component.rate);
+        }
+        mixture.extend(spawned);
+        Ok(())
     }
 
     /// Adds the newborn, each with a label of its own.

@@ -1,6 +1,6 @@
 //! What a tracker takes in: scans and rows are checked, what is refused is booked and told.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,10 @@ use crate::error::{Error, Result, require_finite};
 use crate::event::{Event, EventCode, EventLog, Ledger};
 use crate::model::sensor::check_platform;
 use crate::model::{Sensor, SensorModel};
-use crate::scan::{Scan, bit_pattern};
+use crate::scan::{Scan, same_bits};
+
+/// An odd number without pattern: 2⁶⁴ over the golden ratio.
+const MIX: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// The clock and the books of a tracker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -69,12 +72,12 @@ impl Intake {
 
     /// The rows of a scan that take part, in the order of their times; every row is booked. None if the scan cannot be used;
     /// without a sensor it cannot, for the reason given.
-    pub(super) fn admit(
+    pub(super) fn admit<'a>(
         &mut self,
-        scan: &Scan,
+        scan: &'a Scan,
         sensor: std::result::Result<&SensorModel, String>,
         needs: Needs,
-    ) -> Result<Option<Vec<Row>>> {
+    ) -> Result<Option<Vec<Row<'a>>>> {
         self.ledger.rows_in += scan.values.len() as u64;
         let admitted = match sensor {
             Err(unknown) => Err((EventCode::UnknownSensor, unknown)),
@@ -135,8 +138,8 @@ impl Intake {
     }
 
     /// The rows that take part, in the order of their times; the others are booked.
-    fn usable_rows(&mut self, scan: &Scan, width: usize, needs: Needs) -> Result<Vec<Row>> {
-        let mut seen = HashSet::new();
+    fn usable_rows<'a>(&mut self, scan: &'a Scan, width: usize, needs: Needs) -> Result<Vec<Row<'a>>> {
+        let repeated = repeated(scan);
         let mut rows = Vec::with_capacity(scan.values.len());
         for (index, row) in scan.values.iter().enumerate() {
             let time = scan.times.as_ref().map_or(scan.time, |times| times[index]);
@@ -161,16 +164,13 @@ impl Intake {
                     EventCode::LateReport,
                     format!("it is of {time} s, the tracker stands at {now} s"),
                 ))
-            } else if !seen.insert((time.to_bits(), bit_pattern(row.as_slice()))) {
+            } else if repeated[index] {
                 Some((EventCode::Duplicate, "it repeats a row of its scan".into()))
             } else {
                 None
             };
             match fault {
-                None => rows.push(Row {
-                    time,
-                    value: row.clone(),
-                }),
+                None => rows.push(Row { time, value: row }),
                 Some((code, reason)) => {
                     self.ledger.drop_rows(code, 1);
                     self.record(scan, code, Some(index), &reason)?;
@@ -179,5 +179,42 @@ impl Intake {
         }
         rows.sort_by(|a, b| a.time.total_cmp(&b.time));
         Ok(rows)
+    }
+}
+
+/// Whether each row repeats an earlier one of its scan, at the same time. What is wrong with a row is wrong with all its
+/// repetitions.
+fn repeated(scan: &Scan) -> Vec<bool> {
+    let time = |row: usize| scan.times.as_ref().map_or(0, |times| times[row].to_bits());
+    let same =
+        |a: usize, b: usize| time(a) == time(b) && same_bits(scan.values[a].as_slice(), scan.values[b].as_slice());
+    let key = |row: usize| {
+        let mix = |sum: u64, bits: u64| (sum ^ bits).wrapping_mul(MIX).rotate_left(29);
+        scan.values[row].iter().fold(time(row), |sum, v| mix(sum, v.to_bits()))
+    };
+    // What has the same key stands together, in the order of the rows.
+    let mut keys: Vec<(u64, usize)> = (0..scan.values.len()).map(|row| (key(row), row)).collect();
+    keys.sort_unstable();
+    let mut out = vec![false; keys.len()];
+    for alike in keys.chunk_by(|a, b| a.0 == b.0) {
+        for (index, &(_, row)) in alike.iter().enumerate() {
+            out[row] = alike[..index].iter().rev().any(|&(_, earlier)| same(earlier, row));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_is_repeated_by_the_same_bits_at_the_same_time() {
+        let rows = [[1.0, 2.0], [0.0, 2.0], [1.0, 2.0], [-0.0, 2.0], [1.0, 2.0]];
+        let scan = Scan::new(1.0, "radar", rows.map(|row| DVector::from_row_slice(&row)).to_vec());
+        assert_eq!(repeated(&scan), [false, false, true, false, true]);
+        let timed = scan.at_times(&[0.1, 0.1, 0.2, 0.1, 0.1]);
+        assert_eq!(repeated(&timed), [false, false, false, false, true]);
+        assert!(repeated(&Scan::new(1.0, "radar", vec![])).is_empty());
     }
 }

@@ -202,7 +202,7 @@ impl MultiTargetTracker {
             hypotheses.push(Hypothesis { weight, state });
         }
         let space = self.config.motion.space();
-        Ok(moment_match(&space, hypotheses).unwrap_or_else(|| prior.clone()))
+        Ok(moment_match(&space, &hypotheses).unwrap_or_else(|| prior.clone()))
     }
 
     fn hit_or_miss(&mut self, look: &Look, open: &[usize], member: &Member, shares: &Shares) {

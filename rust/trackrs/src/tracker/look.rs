@@ -7,9 +7,9 @@ use crate::model::{Sensor, SensorModel};
 use crate::scan::Scan;
 
 /// A report that takes part.
-pub(super) struct Row {
+pub(super) struct Row<'a> {
     pub(super) time: f64,
-    pub(super) value: DVector<f64>,
+    pub(super) value: &'a DVector<f64>,
 }
 
 /// One scan while it is being worked on.
@@ -19,19 +19,19 @@ pub(super) struct Look<'a> {
     pub(super) sensor_index: usize,
     pub(super) platform: Option<DVector<f64>>,
     /// In the order of their times.
-    pub(super) rows: Vec<Row>,
+    pub(super) rows: Vec<Row<'a>>,
     /// Where each report lies, where its sensor can tell.
     pub(super) positions: Vec<Option<Gaussian>>,
     pub(super) fates: Vec<Fate>,
 }
 
 impl<'a> Look<'a> {
-    pub(super) fn new(scan: &'a Scan, sensor_index: usize, sensor: SensorModel, rows: Vec<Row>) -> Self {
+    pub(super) fn new(scan: &'a Scan, sensor_index: usize, sensor: SensorModel, rows: Vec<Row<'a>>) -> Self {
         let platform = scan.platform.as_ref().map(|p| DVector::from_row_slice(p));
         Self {
             positions: rows
                 .iter()
-                .map(|row| sensor.locate(&row.value, platform.as_ref()))
+                .map(|row| sensor.locate(row.value, platform.as_ref()))
                 .collect(),
             fates: vec![Fate::default(); rows.len()],
             scan,

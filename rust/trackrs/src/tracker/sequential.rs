@@ -63,7 +63,7 @@ impl MultiTargetTracker {
 
     fn gating(&mut self, look: &Look, row: usize, group: Group) -> Result<Vec<Gating>> {
         let thresholds = self.config.gate.thresholds(look.sensor.measurement_dim())?;
-        let reports = std::slice::from_ref(&look.rows[row].value);
+        let reports = std::slice::from_ref(look.rows[row].value);
         let mut out = Vec::new();
         for track in group.members(&self.tracks) {
             let prior = self.tracks[track].state.clone();

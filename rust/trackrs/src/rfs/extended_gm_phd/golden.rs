@@ -169,7 +169,7 @@ fn scene<'a>(case: &'a Case, predicted: &'a [Component], sight: &'a Sight<'a>) -
     let noise = Noise::of(sight.sensor).unwrap();
     let view = |c: &Component| Seen::new(c, sight, &noise, 6).unwrap();
     let views = predicted.iter().map(view).collect();
-    Scene::new(&case.update, predicted, views, noise, sight, 6)
+    Scene::new(&case.update, predicted.iter().collect(), views, noise, sight, 6)
 }
 
 fn members(value: &Value) -> Vec<Vec<usize>> {
@@ -203,10 +203,9 @@ fn prediction_and_reduction() {
             spawns: vec![],
         };
         let mut label = 10;
-        let prior = mixture(&case.value["prior"]);
+        let mut found = mixture(&case.value["prior"]);
         let rates = case.update.rates;
-        let mut found = fate
-            .survive(&prior, &motion, Rule::Once, rates, 1.0, &mut label)
+        fate.survive(&mut found, &motion, Rule::Once, rates, 1.0, &mut label)
             .unwrap();
         fate.bear(&mut found, &[], &mut label);
         let plain = Case { constant: None, ..case };
@@ -271,7 +270,8 @@ fn check_divisions(case: &Case, part: &Value, make: impl FnOnce(&mut Cells) -> D
         measurements: (0..z.len() / 2).collect(),
         members: vec![],
     };
-    let mut out = case.update.update(&predicted, &[], &sight).unwrap().components;
+    let mut out = predicted.clone();
+    case.update.update(&mut out, &[], &sight).unwrap();
     scene.weigh(&block, &z, &cells, &divisions, &mut out);
     case.assert_mixture(&out, &part["posterior"], what);
 }
@@ -386,11 +386,8 @@ fn the_whole_update() {
         let sensor = sensor();
         let sight = sight(&sensor, &case);
         let predicted = case.predicted();
-        let found = case
-            .update
-            .update(&predicted, &case.measurements(), &sight)
-            .unwrap()
-            .components;
+        let mut found = predicted.clone();
+        case.update.update(&mut found, &case.measurements(), &sight).unwrap();
         let part = &case.value["group_update"];
         case.assert_mixture(&found, &part["posterior"], "update");
         let scene = scene(&case, &predicted, &sight);

@@ -280,7 +280,8 @@ fn four_measurements_are_weighed_as_by_hand() {
         detection_probability: p_d,
         clutter_density: clutter,
     };
-    let found = update.update(&mixture, &z, &sight).unwrap().components;
+    let mut found = mixture.to_vec();
+    update.update(&mut found, &z, &sight).unwrap();
 
     // By hand: every partition, every cell in it as often as it stands there.
     let term = |members: &[usize]| {

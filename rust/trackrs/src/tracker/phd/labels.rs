@@ -11,6 +11,7 @@
 //! mixture probability hypothesis density filter, IEEE TAES 45(3).
 
 use std::collections::{BTreeMap, HashSet};
+use std::iter::repeat_n;
 
 use serde::{Deserialize, Serialize};
 
@@ -73,12 +74,8 @@ impl Labels {
                 continue;
             }
             let weight = component.weight / names.len() as f64;
-            for label in names {
-                let copy = Component {
-                    weight,
-                    label,
-                    ..component.clone()
-                };
+            for (copy, label) in repeat_n(component, names.len()).zip(names) {
+                let copy = Component { weight, label, ..copy };
                 tracks.extend(self.extracted(&copy, time, rule));
                 mixture.push(copy);
             }

@@ -153,15 +153,15 @@ impl PhdTracker {
     /// Takes in one scan and returns the confirmed tracks at its time: those whose targets are extracted. A scan that cannot be
     /// used leaves everything as it was and is recorded as an event.
     pub fn step(&mut self, scan: &Scan) -> Result<Vec<Track>> {
-        let watch = self.config.watch(&scan.sensor).cloned();
-        let sensor = watch.as_ref().map(|watch| &watch.sensor).map_err(ToString::to_string);
+        let watch = self.config.watch(&scan.sensor);
+        let sensor = watch.map(|watch| &watch.sensor).map_err(|unknown| unknown.to_string());
         let Some(rows) = self.intake.admit(scan, sensor, Needs::Everything)? else {
             return Ok(self.tracks.clone());
         };
-        let watch = watch?;
         self.predict(scan)?;
         let platform = scan.platform.as_ref().map(|p| DVector::from_row_slice(p));
         let measurements = flat(&rows);
+        let watch = self.config.watch(&scan.sensor)?;
         let sight = Sight {
             sensor: &watch.sensor,
             platform: platform.as_ref(),
@@ -169,22 +169,20 @@ impl PhdTracker {
             detection_probability: watch.detection_probability,
             clutter_density: watch.clutter_density,
         };
-        let updated = match (&self.config.update, &mut self.cardinality) {
-            (IntensityUpdate::Extended(update), _) => update.update(&self.mixture, &measurements, &sight)?,
+        let mixture = &mut self.mixture;
+        let skipped = match (&self.config.update, &mut self.cardinality) {
+            (IntensityUpdate::Extended(update), _) => update.update(mixture, &measurements, &sight)?,
             (IntensityUpdate::Cardinalised(update), Some(cardinality)) => {
-                let found = update.update(&self.mixture, cardinality, &measurements, &sight)?;
-                *cardinality = found.cardinality;
-                found.updated
+                update.update(mixture, cardinality, &measurements, &sight)?
             }
             (IntensityUpdate::Point(point) | IntensityUpdate::Cardinalised(CphdUpdate { point, .. }), _) => {
-                point.update(&self.mixture, &measurements, &sight)?
+                point.update(mixture, &measurements, &sight)?
             }
         };
-        if updated.skipped > 0 {
-            let reason = format!("{} components cannot be compared with the scan", updated.skipped);
+        if skipped > 0 {
+            let reason = format!("{skipped} components cannot be compared with the scan");
             self.intake.record(scan, EventCode::TrackSkipped, None, &reason)?;
         }
-        self.mixture = updated.components;
         self.drop_diverged(scan)?;
         let merged = self.config.reduction.reduce(std::mem::take(&mut self.mixture))?;
         let copies = match &self.cardinality {
@@ -197,7 +195,8 @@ impl PhdTracker {
         self.mixture = extraction.mixture;
         self.tracks = extraction.tracks;
         if let Some(rule) = self.config.adaptive_birth {
-            self.pending = self.unexplained(&rule, &watch, platform.as_ref(), &measurements)?;
+            let watch = self.config.watch(&scan.sensor)?;
+            self.pending = self.unexplained(&rule, watch, platform.as_ref(), &measurements)?;
         }
         Ok(self.tracks.clone())
     }
@@ -212,27 +211,29 @@ impl PhdTracker {
             return Ok(());
         }
         let next_label = &mut self.labels.next_label;
-        let mut mixture = fate.survive(&self.mixture, motion, rule, self.config.update.rates(), dt, next_label)?;
         let mut born = std::mem::take(&mut self.pending);
         for birth in &mut born {
             birth.state = predict_by(rule, &birth.state, motion, dt, None)?;
         }
-        fate.bear(&mut mixture, &born, next_label);
+        let mixture = &mut self.mixture;
+        fate.survive(mixture, motion, rule, self.config.update.rates(), dt, next_label)?;
+        fate.bear(mixture, &born, next_label);
         if let Some(cardinality) = &mut self.cardinality {
             let births = fate.births.iter().chain(&born).map(|birth| birth.weight).sum();
             *cardinality = cardinality.predicted(fate.survival_probability, births);
         }
         if let Some(extent) = self.config.update.extent() {
-            extent.predict(&mut mixture, dt);
+            extent.predict(mixture, dt);
         }
-        self.mixture = mixture;
         self.drop_diverged(scan)
     }
 
     fn drop_diverged(&mut self, scan: &Scan) -> Result<()> {
         // A sum is finite only if all its terms are.
+        let sum = |numbers: &[f64]| numbers.iter().sum::<f64>();
+        let state = |c: &Component| sum(c.state.mean.as_slice()) + sum(c.state.cov.as_slice());
         let extent = |c: &Component| c.extent.as_ref().map_or(0.0, |e| e.cov.sum() + e.certainty);
-        let finite = |c: &Component| (c.weight + c.state.mean.sum() + c.state.cov.sum() + extent(c)).is_finite();
+        let finite = |c: &Component| (c.weight + state(c) + extent(c)).is_finite();
         let before = self.mixture.len();
         self.mixture.retain(finite);
         if self.mixture.len() == before {
@@ -348,6 +349,6 @@ fn heaviest(merged: &[Merged], targets: usize) -> Vec<usize> {
     copies
 }
 
-fn flat(rows: &[Row]) -> Vec<f64> {
+fn flat(rows: &[Row<'_>]) -> Vec<f64> {
     rows.iter().flat_map(|row| row.value.iter().copied()).collect()
 }
