@@ -1,11 +1,12 @@
-"""Runs per second of three Monte-Carlo studies, against the same studies written by hand in NumPy, and 2 threads over 1.
+"""Runs per second of three Monte-Carlo studies against the same ones written by hand in NumPy, and of 2 threads over 1.
 
     python benchmarks/studies.py [--runs 200] [--repeats 3]
 
-The rewritings are what a careful engineer writes in plain NumPy: NPDA and the underwater filter compute all runs at once,
-with a leading axis for the runs; the PHD filter, whose mixture differs from run to run, is vectorised over its
-components. They draw their own random numbers, and do no more than the study needs: no events, no books, no gaps. Both
-sides end with the same metric, whose means must agree within their intervals. One core each: BLAS has one thread.
+The rewritings are what a careful engineer writes in plain NumPy: NPDA and the underwater filter have a leading axis for
+the runs, and compute one run after the other or all at once; the PHD filter, whose mixture differs from run to run, is
+vectorised over its components. They draw their own random numbers, and do no more than the study needs: no events, no
+books, no gaps. Both sides end with the same metric, whose means must agree within their intervals. One core each: BLAS
+has one thread.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def transpose(matrices):
     return np.swapaxes(matrices, -1, -2)
 
 
-# --- NPDA: three targets side by side, one report at a time -----------------------------------------------------------
+# --- NPDA: three targets side by side, one report at a time ----------------------------------------------------------
 
 
 def npda_study():
@@ -85,7 +86,7 @@ def npda_by_hand(runs, rng):
     return scores.mean(axis=1)
 
 
-# --- underwater: a manoeuvring vessel heard by three hydrophones and a depth gauge --------------------------------------
+# --- underwater: a manoeuvring vessel heard by three hydrophones and a depth gauge -----------------------------------
 
 FIRST = 20
 
@@ -121,7 +122,7 @@ def underwater_by_hand(scene, runs, rng):
     # Fixes of the first three epochs by least squares, and a parabola through them.
     fixes = []
     for k in range(3):
-        p = np.tile(places.mean(axis=0) + [100.0, 100.0, 0.0], (runs, 1)) if not fixes else fixes[-1].copy()
+        p = np.tile(places.mean(axis=0) + np.array([100.0, 100.0, 0.0]), (runs, 1)) if not fixes else fixes[-1].copy()
         p[:, 2] = z[:, k, m]
         for _ in range(12):
             expected, H = observed(p)
@@ -154,7 +155,7 @@ def normal(H, residual, std):
     return np.linalg.solve(transpose(A) @ A, transpose(A) @ b[..., None])[..., 0]
 
 
-# --- extended targets: two side by side, distance partitions ------------------------------------------------------------
+# --- extended targets: two side by side, distance partitions ---------------------------------------------------------
 
 
 def extended_study():
@@ -311,7 +312,7 @@ def pair_ospa(truth, found):
     return np.sqrt((best + C**2 * abs(m - n)) / max(m, n))
 
 
-# --- the comparison -----------------------------------------------------------------------------------------------------
+# --- the comparison --------------------------------------------------------------------------------------------------
 
 
 def best_time(work, repeats, clock):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trackrs.cli._output import print_json
+from trackrs.cli._output import note, print_json
 from trackrs.io import replacing
 from trackrs.io._files import check_target, table_suffix, write_table
 from trackrs.study._toml import load_study
@@ -49,8 +49,13 @@ def study(
         check_target(out)
     runs, seed = given.runs if runs is None else runs, given.seed if seed is None else seed
     begun = time.perf_counter()
-    with progress_bar("runs") as progress:
-        result = given.study.run(runs, seed, folder=folder, workers=workers, progress=progress)
+    try:
+        with progress_bar("runs") as progress:
+            result = given.study.run(runs, seed, folder=folder, workers=workers, progress=progress)
+    except KeyboardInterrupt:
+        if folder is not None:
+            note(f"stopped; finished runs are in {folder}, and the same command goes on from there")
+        raise
     seconds = time.perf_counter() - begun
     if out is not None and suffix is not None:
         with replacing(out) as file:

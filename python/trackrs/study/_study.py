@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from trackrs.phd import CPHD, GMPHD, ExtendedGMPHD
     from trackrs.types import Scan, Tracks
 
+PIECE = 0.05  # seconds between two looks for Ctrl-C
 BUILT_IN = (CloseTargets, ExtendedTargets, Turning, Underwater)
 
 
@@ -315,11 +317,25 @@ class Study(Value):
     def _run(self, seed: int, first: int, runs: int, stop: _trackrs.StudyStop) -> Part:
         """Run them one after the other; fewer if they are stopped."""
         if self._core is not None:
-            out: dict[str, Any] = self._core.run(seed, first, runs, stop)
-            return Part(first, frozen(out["values"]), frozen(out["seconds"]), tuple(out["failures"]))
+            return _in_pieces(self._core, seed, first, runs, stop)
         from trackrs.study._python import run_python  # noqa: PLC0415 (only those who need it)
 
         return run_python(self, seed, first, runs, stop)
+
+
+def _in_pieces(core: _trackrs.Study, seed: int, first: int, runs: int, stop: _trackrs.StudyStop) -> Part:
+    """Run some at a time: between two calls Python looks for Ctrl-C."""
+    pieces: list[dict[str, Any]] = []
+    done, size = 0, 1
+    while True:
+        begun = time.perf_counter()
+        pieces.append(core.run(seed, first + done, min(size, runs - done), stop))
+        done += len(pieces[-1]["values"])
+        if done == runs or stop.is_set():
+            break
+        size = max(1, int(PIECE * size / max(time.perf_counter() - begun, 1e-6)))
+    values, seconds = (frozen(np.concatenate([piece[name] for piece in pieces])) for name in ("values", "seconds"))
+    return Part(first, values, seconds, tuple(failure for piece in pieces for failure in piece["failures"]))
 
 
 def _named(methods: object) -> Mapping[str, Method]:
