@@ -33,7 +33,7 @@ def file(tmp_path):
 
 
 def trackers():
-    scene = tr.scenarios.close_targets(separation=150.0, clutter=0.1)
+    scene = tr.scenarios.close_targets(separation=150.0)
     common = {
         "motion": tr.ConstantVelocity(dims=2, accel_std=2.0),
         "sensors": {"radar": scene.radar},
@@ -42,7 +42,7 @@ def trackers():
         "initial": scene.initial,
     }
     methods = {
-        "npda": tr.MultiTargetTracker(**common, associator=tr.NPDA(clutter_probability=0.1), gate=tr.Gate(1.0)),
+        "npda": tr.MultiTargetTracker(**common, associator=tr.NPDA(clutter_probability=0.0), gate=tr.Gate(1.0)),
         "nearest": tr.MultiTargetTracker(**common, associator=tr.NearestNeighbour()),
     }
     return tr.Study(scene, methods, [tr.OSPA(c=60.0), tr.study.Identity(75.0)])
@@ -144,7 +144,7 @@ def test_every_metric_can_be_named():
         ("accel_std = 2.0", "accel_std = -2.0", "[methods.npda.motion]"),
         ("motion = {", "emotion = {", '"motion" is missing, and the scenario knows none'),
         ("gate = 1.0", "gate = 2.0", "[methods.npda] gate = 2"),
-        ("clutter_probability = 0.1", "clutter_probability = 7", "[methods.npda.associator]"),
+        ("clutter_probability = 0.0", "clutter_probability = 7", "[methods.npda.associator]"),
         ("gate = 1.0", 'initial = "all"', '[methods.npda] initial = "all" is invalid: must be "none"'),
         ("gate = 1.0", 'initial = "none"', "method = npda is invalid: must begin with all 3 targets"),
         ('type = "ospa"', 'type = "ospax"', '[[metrics]] type = "ospax" is unknown; did you mean "ospa"?'),
