@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         NearestNeighbour,
         assign,
     )
+    from trackrs.batch import BatchRun, TrackBatch
     from trackrs.errors import (
         BusyError,
         DimensionError,
@@ -120,6 +121,7 @@ __all__ = [
     "PDA",
     "AdaptiveBirth",
     "Assignment",
+    "BatchRun",
     "Birth",
     "BusyError",
     "CameraSensor",
@@ -193,6 +195,7 @@ __all__ = [
     "TargetScore",
     "TimeError",
     "Track",
+    "TrackBatch",
     "TrackrsError",
     "Tracks",
     "TreePartition",
@@ -234,6 +237,7 @@ _MODULES = ("association", "geodesy", "report", "rotation", "scenarios", "study"
 _HOMES = (
     "adaptive",
     "association",
+    "batch",
     "errors",
     "filter",
     "fusion",

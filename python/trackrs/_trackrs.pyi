@@ -22,6 +22,7 @@ __all__ = [
     "Sensor",
     "Study",
     "StudyStop",
+    "TrackBatch",
     "Tracker",
     "Turning",
     "Underwater",
@@ -55,6 +56,7 @@ __all__ = [
     "rotation_turned",
     "rotation_vectors",
     "score_tracks",
+    "simd_levels",
     "smooth",
     "start_state",
     "study_columns",
@@ -484,3 +486,15 @@ def score_tracks(
     ids: NDArray[np.uint64],
     positions: _Array,
 ) -> _Array: ...
+
+@final
+class TrackBatch:
+    def __new__(cls, filter: Filter, time: float, means: _Array, covs: _Array, threads: int | None) -> TrackBatch: ...
+    def time(self) -> float: ...
+    def in_lanes(self) -> bool: ...
+    def means(self) -> _Array: ...
+    def covs(self) -> _Array: ...
+    def failures(self) -> NDArray[np.uint64]: ...
+    def run(self, times: _Array, values: _Array, means: bool, covs: bool, nis: bool) -> dict[str, Any]: ...
+
+def simd_levels() -> list[str]: ...

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise
+    from trackrs.batch import BatchRun
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
     from trackrs.types import Fix
@@ -149,6 +150,44 @@ class _SequenceFilter(Value):
         out["restarts"] = tuple(out["restarts"])
         kept = t[-1:] if history == "last" else t
         return FilterRun(times=frozen(kept.copy()), labels=self.labels, **freeze_columns(out))
+
+    def run_batch(
+        self,
+        times: ArrayLike,
+        measurements: ArrayLike,
+        *,
+        initial: GaussianState,
+        covs: bool = False,
+        nis: bool = False,
+        threads: int | None = None,
+    ) -> BatchRun:
+        """Filter many sequences that begin with the same estimate; `TrackBatch` is for those that do not.
+
+        Args:
+            times: (T,) seconds, not decreasing, the same for all sequences.
+            measurements: (B, T, m); NaN = component not observed.
+            initial: the estimate to begin with; it is predicted from its own time to the first of `times`.
+            covs: return the covariances (B, T, n, n) too.
+            nis: return the normalised innovations squared (B, T) too.
+            threads: at most so many; None for all processors. The bits are the same on any number.
+
+        Raises:
+            TimeError: times decrease, or begin before `initial`.
+            DimensionError: shapes do not agree.
+            NonFiniteError: a time is not finite, or a measurement infinite.
+
+        Example:
+            >>> import numpy as np, trackrs as tr
+            >>> kf = tr.KalmanFilter(tr.ConstantVelocity(dims=2, accel_psd=0.1), tr.PositionSensor(dims=2, std=1.0))
+            >>> start = tr.GaussianState(np.zeros(4), 100.0 * np.eye(4))
+            >>> kf.run_batch(np.arange(1.0, 51.0), np.zeros((200, 50, 2)), initial=start).means.shape
+            (200, 50, 4)
+        """
+        from trackrs.batch import TrackBatch  # noqa: PLC0415 (which knows the filters)
+
+        z = array(measurements, "measurements", 3)
+        means = np.tile(initial.mean, (len(z), 1))
+        return TrackBatch(self, means, initial.cov, initial.time, threads=threads).run(times, z, covs=covs, nis=nis)
 
     def replace(self, **changes: Any) -> Any:  # noqa: ANN401 (the type is the caller's)
         """Return the same filter with some arguments changed."""

@@ -5,6 +5,7 @@
 mod array;
 mod association;
 mod associator;
+mod batch;
 mod custom;
 mod error;
 mod filter;
@@ -30,6 +31,8 @@ mod _trackrs {
 
     #[pymodule_export]
     use crate::association::{assign, k_best, marginals};
+    #[pymodule_export]
+    use crate::batch::{TrackBatch, simd_levels};
     #[pymodule_export]
     use crate::filter::Filter;
     #[pymodule_export]

@@ -101,6 +101,9 @@ pub enum Error {
         /// Why.
         reason: String,
     },
+    /// The caller did not want to go on.
+    #[error("interrupted")]
+    Interrupted,
     /// The library broke one of its own laws: a fault of trackrs, not of the input.
     #[error("internal error, please report it: {reason}")]
     Internal {

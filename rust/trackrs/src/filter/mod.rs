@@ -1,6 +1,7 @@
 //! Recursive estimation of one target's state.
 
 pub mod adaptation;
+pub mod batch;
 mod chart;
 mod complete;
 pub(crate) mod correction;

@@ -1,0 +1,420 @@
+//! Many tracks, each with its own filter, all of one motion and one sensor and measured at the same times.
+//!
+//! Kalman filters of a random walk, constant velocity or constant acceleration with a position sensor, up to three axes, go
+//! through [`crate::lanes`]: several tracks to a register. All others are run one track after the other by
+//! [`super::sequence`]. Either way tracks are independent, so that threads take some each and the bits are the same on any
+//! number of them.
+//!
+//! The lanes take the structure of the motion instead of products with F, so that their results agree with those of
+//! [`Filter::run`] to rounding only.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::sequence::{Filter, History, InitialState};
+use super::square_root::Form;
+use crate::error::{Error, Result, require_finite, require_size};
+use crate::gaussian::Gaussian;
+use crate::lanes::Level;
+use crate::lanes::block::LANES;
+use crate::lanes::kinematic::Outputs;
+use crate::lanes::tracks::{AxisNoise, Lanes, RawStep, lanes};
+use crate::linalg::cholesky::Cholesky;
+use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+
+/// Fewer steps of tracks than this are not worth a thread of their own.
+const PER_THREAD: usize = 20_000;
+/// Steps of tracks between two looks whether to go on: some hundredths of a second in lanes, and track by track.
+const PIECE: usize = 500_000;
+const PIECE_EACH: usize = 5_000;
+
+/// Many tracks at one time.
+#[derive(Debug)]
+pub struct TrackBatch {
+    filter: Filter,
+    tracks: usize,
+    time: f64,
+    level: Level,
+    threads: usize,
+    states: States,
+    failures: Vec<u64>,
+}
+
+#[derive(Debug)]
+enum States {
+    Lanes(Box<dyn Lanes>),
+    Each(Vec<Gaussian>),
+}
+
+/// What is wanted of a run; all of it tracks first, then steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Wanted {
+    /// Means.
+    pub means: bool,
+    /// Covariances.
+    pub covs: bool,
+    /// Normalised innovations squared.
+    pub nis: bool,
+}
+
+/// What a run gives: flat, empty where not wanted. B tracks, T steps, n states.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct BatchRun {
+    /// B × T × n.
+    pub means: Vec<f64>,
+    /// B × T × n × n.
+    pub covs: Vec<f64>,
+    /// B × T; NaN where nothing was observed.
+    pub nis: Vec<f64>,
+}
+
+impl TrackBatch {
+    /// Tracks of this filter that begin at `time`: means B × n, covariances B × n × n or n × n for all.
+    pub fn new(filter: Filter, time: f64, means: &[f64], covs: &[f64]) -> Result<Self> {
+        let n = filter.motion().state_dim();
+        require_finite("time", [&time])?;
+        require_finite("means", means)?;
+        require_finite("covs", covs)?;
+        if n == 0 || !means.len().is_multiple_of(n) {
+            return Err(Error::invalid(
+                "means",
+                means.len(),
+                "must have n numbers for every track",
+            ));
+        }
+        let tracks = means.len() / n;
+        let shared = covs.len() == n * n;
+        if !shared {
+            require_size("covs", tracks * n * n, covs.len())?;
+        }
+        let cov_of = |track: usize| {
+            if shared {
+                covs
+            } else {
+                &covs[track * n * n..(track + 1) * n * n]
+            }
+        };
+        for track in 0..if shared { tracks.min(1) } else { tracks } {
+            let name = if shared {
+                "cov".to_string()
+            } else {
+                format!("cov of track {track}")
+            };
+            let cov = DMatrix::from_row_slice(n, n, cov_of(track));
+            if cov != cov.transpose() {
+                return Err(Error::invalid(&name, "a matrix", "must be symmetric"));
+            }
+            Cholesky::new(&cov, &name)?;
+        }
+        let level = Level::chosen()?;
+        let states = match structure(&filter).and_then(|(dims, order)| lanes(dims, order, tracks)) {
+            Some(mut lanes) => {
+                for track in 0..tracks {
+                    lanes.set(track, &means[track * n..(track + 1) * n], cov_of(track));
+                }
+                States::Lanes(lanes)
+            }
+            None => States::Each(
+                (0..tracks)
+                    .map(|track| Gaussian {
+                        mean: DVector::from_row_slice(&means[track * n..(track + 1) * n]),
+                        cov: DMatrix::from_row_slice(n, n, cov_of(track)),
+                    })
+                    .collect(),
+            ),
+        };
+        Ok(Self {
+            filter,
+            tracks,
+            time,
+            level,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            states,
+            failures: vec![0; tracks],
+        })
+    }
+
+    /// The same batch at this level of instructions; the bits are the same at all.
+    #[must_use]
+    pub fn at_level(mut self, level: Level) -> Self {
+        self.level = level;
+        self
+    }
+
+    /// The same batch on at most so many threads; the bits are the same on any number.
+    pub fn with_threads(mut self, threads: usize) -> Result<Self> {
+        if threads == 0 {
+            return Err(Error::invalid("threads", 0, "must be at least 1"));
+        }
+        self.threads = threads;
+        Ok(self)
+    }
+
+    /// How many tracks.
+    pub fn tracks(&self) -> usize {
+        self.tracks
+    }
+
+    /// Their time, seconds.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Their filter.
+    pub fn filter(&self) -> &Filter {
+        &self.filter
+    }
+
+    /// Whether several tracks share a register.
+    pub fn in_lanes(&self) -> bool {
+        matches!(self.states, States::Lanes(_))
+    }
+
+    /// Per track, how many measurements were left out because the innovation covariance was not positive definite.
+    pub fn failures(&self) -> &[u64] {
+        &self.failures
+    }
+
+    /// Means B × n.
+    pub fn means(&self) -> Vec<f64> {
+        self.copied().0
+    }
+
+    /// Covariances B × n × n.
+    pub fn covs(&self) -> Vec<f64> {
+        self.copied().1
+    }
+
+    fn copied(&self) -> (Vec<f64>, Vec<f64>) {
+        let n = self.filter.motion().state_dim();
+        let (mut means, mut covs) = (vec![0.0; self.tracks * n], vec![0.0; self.tracks * n * n]);
+        for (track, (mean, cov)) in means.chunks_exact_mut(n).zip(covs.chunks_exact_mut(n * n)).enumerate() {
+            match &self.states {
+                States::Lanes(lanes) => lanes.get(track, mean, cov),
+                States::Each(states) => {
+                    mean.copy_from_slice(states[track].mean.as_slice());
+                    // Symmetric: columns are rows.
+                    cov.copy_from_slice(states[track].cov.as_slice());
+                }
+            }
+        }
+        (means, covs)
+    }
+
+    /// Takes in T measurements of every track, B × T × m; NaN = not observed.
+    pub fn run(&mut self, times: &[f64], values: &[f64], wanted: Wanted) -> Result<BatchRun> {
+        self.run_while(times, values, wanted, || true)
+    }
+
+    /// The same, as long as `go_on` says so, which is asked every few hundredths of a second. After an error the tracks
+    /// are as they were.
+    pub fn run_while(
+        &mut self,
+        times: &[f64],
+        values: &[f64],
+        wanted: Wanted,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Result<BatchRun> {
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        require_size("measurements", self.tracks * times.len() * m, values.len())?;
+        require_finite("times", times)?;
+        if let Some(index) = values.iter().position(|value| value.is_infinite()) {
+            return Err(Error::NonFinite {
+                what: "measurement".into(),
+                index,
+            });
+        }
+        let mut previous = self.time;
+        for &time in times {
+            if time < previous {
+                return Err(Error::TimeReversed { time, previous });
+            }
+            previous = time;
+        }
+        let rows = self.tracks * times.len();
+        let sized = |wanted: bool, width: usize| vec![f64::NAN; if wanted { rows * width } else { 0 }];
+        let mut out = BatchRun {
+            means: sized(wanted.means, n),
+            covs: sized(wanted.covs, n * n),
+            nis: sized(wanted.nis, 1),
+        };
+        // Found anew from a copy, so that an error leaves everything as it was.
+        let mut states = match &self.states {
+            States::Lanes(lanes) => States::Lanes(lanes.copied()),
+            States::Each(states) => States::Each(states.clone()),
+        };
+        let mut failures = self.failures.clone();
+        let steps = steps(self.filter.motion(), self.time, times);
+        let noise: Vec<f64> = self.filter.sensor().noise().diagonal().iter().copied().collect();
+        let piece = if self.in_lanes() { PIECE } else { PIECE_EACH };
+        let size = (piece / times.len().max(1))
+            .next_multiple_of(LANES)
+            .max(LANES * self.threads);
+        for first in (0..self.tracks).step_by(size) {
+            if first > 0 && !go_on() {
+                return Err(Error::Interrupted);
+            }
+            let tracks = first..(first + size).min(self.tracks);
+            let part = |width: usize| first * times.len() * width..tracks.end * times.len() * width;
+            let values = &values[part(m)];
+            let outputs = Outputs {
+                means: out.means.get_mut(part(n)).unwrap_or_default(),
+                covs: out.covs.get_mut(part(n * n)).unwrap_or_default(),
+                nis: out.nis.get_mut(part(1)).unwrap_or_default(),
+            };
+            match &mut states {
+                States::Lanes(lanes) => {
+                    let threads = self.threads.min(tracks.len() * times.len() / PER_THREAD).max(1);
+                    let counts = &mut failures[tracks.clone()];
+                    lanes.advance(tracks, &steps, &noise, values, outputs, counts, self.level, threads);
+                }
+                States::Each(states) => {
+                    let each = Each {
+                        filter: &self.filter,
+                        time: self.time,
+                        times,
+                    };
+                    each.run(&mut states[tracks], values, outputs, self.threads)?;
+                }
+            }
+        }
+        (self.states, self.failures, self.time) = (states, failures, previous);
+        Ok(out)
+    }
+}
+
+/// Dimensions and derivatives of what lanes know.
+fn structure(filter: &Filter) -> Option<(usize, usize)> {
+    let plain = filter.adapted_dim() == 0
+        && filter.screen().is_none()
+        && filter.steps() == 1
+        && filter.method().form == Form::Joseph
+        && !matches!(filter.method().rule, super::extended::Rule::SecondOrder)
+        && matches!(filter.sensor(), SensorModel::Position(_));
+    let order = match filter.motion() {
+        MotionModel::RandomWalk(_) => 1,
+        MotionModel::ConstantVelocity(_) => 2,
+        MotionModel::ConstantAcceleration(_) => 3,
+        _ => return None,
+    };
+    plain.then(|| (filter.motion().position_dims(), order))
+}
+
+/// Time steps and the noise of each, axis by axis.
+fn steps(motion: &MotionModel, start: f64, times: &[f64]) -> Vec<RawStep> {
+    let dims = motion.position_dims();
+    let order = motion.state_dim() / dims;
+    let mut previous = start;
+    let mut last: Option<RawStep> = None;
+    let mut out = Vec::with_capacity(times.len());
+    for &time in times {
+        let dt = time - previous;
+        previous = time;
+        let step = match last {
+            Some(step) if step.dt.to_bits() == dt.to_bits() => step,
+            _ => {
+                let q = motion.noise(dt);
+                let mut noise: AxisNoise = [[0.0; 3]; 6];
+                let pairs = (0..order).flat_map(|row| (0..=row).map(move |column| (row, column)));
+                for (entry, (row, column)) in noise.iter_mut().zip(pairs) {
+                    for (axis, value) in entry.iter_mut().enumerate().take(dims) {
+                        *value = q[(row * dims + axis, column * dims + axis)];
+                    }
+                }
+                RawStep { dt, noise }
+            }
+        };
+        last = Some(step);
+        out.push(step);
+    }
+    out
+}
+
+/// Tracks one after the other.
+struct Each<'a> {
+    filter: &'a Filter,
+    time: f64,
+    times: &'a [f64],
+}
+
+/// The parts of a run that belong to some tracks.
+struct Share<'a> {
+    states: &'a mut [Gaussian],
+    values: &'a [f64],
+    means: &'a mut [f64],
+    covs: &'a mut [f64],
+    nis: &'a mut [f64],
+}
+
+impl Each<'_> {
+    fn run(&self, states: &mut [Gaussian], values: &[f64], out: Outputs<'_>, threads: usize) -> Result<()> {
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        let steps = self.times.len();
+        let size = states.len().div_ceil(threads.max(1)).max(1).next_multiple_of(LANES);
+        let mut shares = Vec::new();
+        let (mut states, mut values) = (states, values);
+        let Outputs {
+            mut means,
+            mut covs,
+            mut nis,
+        } = out;
+        while !states.is_empty() {
+            let count = size.min(states.len());
+            let (first, rest) = states.split_at_mut(count);
+            let (z, more) = values.split_at(count * steps * m);
+            let wide = |part: &[f64], width: usize| if part.is_empty() { 0 } else { count * steps * width };
+            let (a, b, c) = (wide(means, n), wide(covs, n * n), wide(nis, 1));
+            let (x, means_rest) = means.split_at_mut(a);
+            let (p, covs_rest) = covs.split_at_mut(b);
+            let (e, nis_rest) = nis.split_at_mut(c);
+            shares.push(Share {
+                states: first,
+                values: z,
+                means: x,
+                covs: p,
+                nis: e,
+            });
+            (states, values, means, covs, nis) = (rest, more, means_rest, covs_rest, nis_rest);
+        }
+        std::thread::scope(|scope| {
+            let workers: Vec<_> = shares
+                .into_iter()
+                .map(|share| scope.spawn(move || self.share(share)))
+                .collect();
+            workers
+                .into_iter()
+                .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+        })
+    }
+
+    fn share(&self, share: Share<'_>) -> Result<()> {
+        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        let steps = self.times.len();
+        for (track, state) in share.states.iter_mut().enumerate() {
+            let rows = share.values[track * steps * m..(track + 1) * steps * m].chunks_exact(m);
+            let values: Vec<DVector<f64>> = rows.map(DVector::from_row_slice).collect();
+            let initial = InitialState {
+                time: self.time,
+                state: state.clone(),
+            };
+            let run = self
+                .filter
+                .run(self.times, &values, Some(&initial), None, History::Filtered)?;
+            for (k, estimate) in run.filtered.iter().enumerate() {
+                let row = track * steps + k;
+                if let Some(to) = share.means.get_mut(row * n..(row + 1) * n) {
+                    to.copy_from_slice(estimate.mean.as_slice());
+                }
+                if let Some(to) = share.covs.get_mut(row * n * n..(row + 1) * n * n) {
+                    to.copy_from_slice(estimate.cov.as_slice());
+                }
+                if let Some(to) = share.nis.get_mut(row) {
+                    *to = run.nis[k];
+                }
+            }
+            if let Some(last) = run.filtered.last() {
+                *state = last;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,184 @@
+//! Tracks in lanes, whatever their dimensions: one kernel for every number of axes and derivatives up to three.
+
+use std::fmt::Debug;
+use std::ops::Range;
+
+use super::Level;
+use super::block::{Block, LANES};
+use super::kinematic::{Outputs, Step, Work};
+
+/// Per pair of blocks and axis; see [`Step::noise`]. Axes beyond those of the motion do not count.
+pub(crate) type AxisNoise = [[f64; 3]; 6];
+
+/// A step of any number of axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct RawStep {
+    pub(crate) dt: f64,
+    pub(crate) noise: AxisNoise,
+}
+
+/// Some tracks.
+pub(crate) trait Lanes: Debug + Send + Sync {
+    /// Puts a track in its place; the covariance row by row.
+    fn set(&mut self, track: usize, mean: &[f64], cov: &[f64]);
+    /// Reads a track.
+    fn get(&self, track: usize, mean: &mut [f64], cov: &mut [f64]);
+    /// A copy.
+    fn copied(&self) -> Box<dyn Lanes>;
+    /// Takes in measurements of some tracks, from the first of a block on; all other arguments are those of these tracks
+    /// ([`Work`]).
+    #[allow(clippy::too_many_arguments)]
+    fn advance(
+        &mut self,
+        tracks: Range<usize>,
+        steps: &[RawStep],
+        sensor: &[f64],
+        values: &[f64],
+        out: Outputs<'_>,
+        failures: &mut [u64],
+        level: Level,
+        threads: usize,
+    );
+}
+
+/// So many tracks of a motion with D axes and K blocks; `None` for more than three of either.
+pub(crate) fn lanes(dims: usize, order: usize, tracks: usize) -> Option<Box<dyn Lanes>> {
+    Some(match (dims, order) {
+        (1, 1) => Box::new(Tracks::<1, 1, 1, 1>::new(tracks)),
+        (1, 2) => Box::new(Tracks::<1, 2, 2, 3>::new(tracks)),
+        (1, 3) => Box::new(Tracks::<1, 3, 3, 6>::new(tracks)),
+        (2, 1) => Box::new(Tracks::<2, 1, 2, 3>::new(tracks)),
+        (2, 2) => Box::new(Tracks::<2, 2, 4, 10>::new(tracks)),
+        (2, 3) => Box::new(Tracks::<2, 3, 6, 21>::new(tracks)),
+        (3, 1) => Box::new(Tracks::<3, 1, 3, 6>::new(tracks)),
+        (3, 2) => Box::new(Tracks::<3, 2, 6, 21>::new(tracks)),
+        (3, 3) => Box::new(Tracks::<3, 3, 9, 45>::new(tracks)),
+        _ => return None,
+    })
+}
+
+#[derive(Debug, Clone)]
+struct Tracks<const D: usize, const K: usize, const N: usize, const PN: usize> {
+    blocks: Vec<Block<N, PN>>,
+}
+
+impl<const D: usize, const K: usize, const N: usize, const PN: usize> Tracks<D, K, N, PN> {
+    fn new(tracks: usize) -> Self {
+        Self {
+            blocks: vec![Block::padding(); tracks.div_ceil(LANES)],
+        }
+    }
+}
+
+impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for Tracks<D, K, N, PN> {
+    fn set(&mut self, track: usize, mean: &[f64], cov: &[f64]) {
+        self.blocks[track / LANES].set(track % LANES, mean, cov);
+    }
+
+    fn get(&self, track: usize, mean: &mut [f64], cov: &mut [f64]) {
+        self.blocks[track / LANES].get(track % LANES, mean, cov);
+    }
+
+    fn copied(&self) -> Box<dyn Lanes> {
+        Box::new(self.clone())
+    }
+
+    fn advance(
+        &mut self,
+        tracks: Range<usize>,
+        steps: &[RawStep],
+        sensor: &[f64],
+        values: &[f64],
+        out: Outputs<'_>,
+        failures: &mut [u64],
+        level: Level,
+        threads: usize,
+    ) {
+        let Some(arch) = level.arch() else { return };
+        let axes = |all: [f64; 3]| std::array::from_fn(|axis| all[axis]);
+        let steps: Vec<Step<D>> = steps
+            .iter()
+            .map(|step| Step {
+                dt: step.dt,
+                noise: step.noise.map(axes),
+            })
+            .collect();
+        let noise: [f64; D] = std::array::from_fn(|axis| sensor[axis]);
+        let blocks = &mut self.blocks[tracks.start / LANES..tracks.end.div_ceil(LANES)];
+        let share = blocks.len().div_ceil(threads.max(1)).max(1);
+        let rows = share * LANES * steps.len();
+        // Chunks of what is not wanted are empty, as many as there are shares.
+        let mut means = out.means.chunks_mut((rows * N).max(1));
+        let mut covs = out.covs.chunks_mut((rows * N * N).max(1));
+        let mut nis = out.nis.chunks_mut(rows.max(1));
+        let values = values.chunks((rows * D).max(1));
+        let counts = failures.chunks_mut(share * LANES);
+        let count = tracks.len();
+        let work = blocks.chunks_mut(share).zip(values).zip(counts).enumerate();
+        let work = work.map(|(k, ((blocks, values), failures))| Work::<D, K, N, PN> {
+            tracks: (count - k * share * LANES).min(share * LANES),
+            blocks,
+            steps: &steps,
+            sensor: &noise,
+            values,
+            out: Outputs {
+                means: means.next().unwrap_or_default(),
+                covs: covs.next().unwrap_or_default(),
+                nis: nis.next().unwrap_or_default(),
+            },
+            failures,
+        });
+        if threads <= 1 {
+            work.for_each(|work| arch.dispatch(work));
+            return;
+        }
+        std::thread::scope(|scope| {
+            for work in work {
+                scope.spawn(move || arch.dispatch(work));
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nothing that comes in through a batch has such a covariance.
+    #[test]
+    fn a_pivot_that_is_not_positive_keeps_the_prediction_of_its_track_only() {
+        let step = RawStep {
+            dt: 1.0,
+            noise: [[0.0; 3]; 6],
+        };
+        for level in Level::available() {
+            let mut tracks = lanes(1, 1, 3).unwrap();
+            for (track, variance) in [3.0, -5.0, 3.0].into_iter().enumerate() {
+                tracks.set(track, &[1.0], &[variance]);
+            }
+            let (mut nis, mut failures) = ([0.0; 3], [0; 3]);
+            let out = Outputs {
+                nis: &mut nis,
+                ..Outputs::default()
+            };
+            tracks.advance(
+                0..3,
+                &[step],
+                &[1.0],
+                &[5.0, 5.0, f64::NAN],
+                out,
+                &mut failures,
+                level,
+                1,
+            );
+            assert_eq!(failures, [0, 1, 0]);
+            assert!(nis[0] == 4.0 && nis[1].is_nan() && nis[2].is_nan(), "{nis:?}");
+            let found = [0, 1, 2].map(|track| {
+                let (mut mean, mut cov) = ([0.0], [0.0]);
+                tracks.get(track, &mut mean, &mut cov);
+                [mean[0], cov[0]]
+            });
+            assert_eq!(found, [[4.0, 0.75], [1.0, -5.0], [1.0, 3.0]]);
+        }
+    }
+}
