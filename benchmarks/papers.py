@@ -19,6 +19,10 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def pair(row: dict[str, str], value: str, half: str) -> str:
+    return f"{float(row[value]):.4g} ±{float(row[half]):.2g}"
+
+
 def main() -> None:
     folder = Path(sys.argv[1])
     numbers = rows(folder / "numbers.csv")
@@ -37,8 +41,8 @@ def main() -> None:
     if differ:
         lines += ["", "| number that differs | independent | ours |", "|---|---|---|"]
         lines += [
-            f"| {row['paper']}: {row['number']} | {float(row['reference']):.4g} ±{float(row['reference_half_width']):.2g} | "
-            f"{float(row['ours']):.4g} ±{float(row['half_width']):.2g} |"
+            f"| {row['paper']}: {row['number']} | {pair(row, 'reference', 'reference_half_width')} | "
+            f"{pair(row, 'ours', 'half_width')} |"
             for row in differ
         ]
     text = PAGE.read_text(encoding="utf-8")
