@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackrs._arrays import array
+from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
 from trackrs.association import JIPDA, JPDA, NPDA, PDA, GlobalNearestNeighbour, NearestNeighbour
 from trackrs.errors import DimensionError
+from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
 from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
 from trackrs.partition import (
     DbscanPartition,
@@ -64,6 +66,9 @@ SENSORS: dict[str, Callable[..., Sensor]] = {
 ASSOCIATORS: dict[str, Callable[..., Any]] = {
     snake_case(kind.__name__): kind for kind in (GlobalNearestNeighbour, NearestNeighbour, PDA, JPDA, JIPDA, NPDA)
 }
+ADAPTATIONS: dict[str, Callable[..., Any]] = {
+    snake_case(kind.__name__): kind for kind in (LimitedMemoryNoise, ResidualNoise, NisScaledNoise)
+}
 INITIATORS: dict[str, Callable[..., Any]] = {snake_case(kind.__name__): kind for kind in (MofN, Existence)}
 BIRTHS: dict[str, Callable[..., Any]] = {"given": given_birth, "adaptive": AdaptiveBirth}
 PARTITIONS: dict[str, Callable[..., Any]] = {
@@ -80,6 +85,10 @@ PARTITIONS: dict[str, Callable[..., Any]] = {
         )
     )
 }
+FILTERS: dict[str, Callable[..., Any]] = {
+    snake_case(kind.__name__): kind
+    for kind in (KalmanFilter, ExtendedKalmanFilter, UnscentedKalmanFilter, CubatureKalmanFilter)
+} | {"unscented_kalman_filter_as_printed": UnscentedKalmanFilter.as_printed}
 # The trackers; what they are built of and with is given elsewhere, or no file can hold it.
 TRACKERS: dict[str, Callable[..., Any]] = {
     "multi_target": MultiTargetTracker,
@@ -118,6 +127,7 @@ class _Kind:
 _KINDS = {
     "int": _Kind(_is_count, "a whole number, not negative"),
     "float": _Kind(_is_number, "a number"),
+    "Form": _Kind(lambda v: v in ("joseph", "square_root"), '"joseph" or "square_root"'),
     "bool": _Kind(lambda value: isinstance(value, bool), "true or false"),
     "str": _Kind(lambda value: isinstance(value, str), "text in quotes"),
     "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
@@ -141,6 +151,7 @@ _KINDS = {
     "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
 }
 _RECORDS: dict[str, type] = {
+    "ChiSquareScreen": ChiSquareScreen,
     "Deletion": Deletion,
     "ClutterMap": ClutterMap,
     "LocalOutlierFactor": LocalOutlierFactor,
@@ -148,7 +159,13 @@ _RECORDS: dict[str, type] = {
     "Extent": Extent,
 }
 # By the name of the argument: records of several kinds, which a table's "type" chooses from.
-_CHOICES = {"initiator": INITIATORS, "associator": ASSOCIATORS, "birth": BIRTHS, "partition": PARTITIONS}
+_CHOICES = {
+    "adapt": ADAPTATIONS,
+    "associator": ASSOCIATORS,
+    "birth": BIRTHS,
+    "initiator": INITIATORS,
+    "partition": PARTITIONS,
+}
 _LITERAL = re.compile(r"Literal\[([^\]]*)\]")
 _BETWEEN = re.compile(r" \| (?![^\[]*\])")
 

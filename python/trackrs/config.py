@@ -304,7 +304,7 @@ class _Loader:
             self.fail(where, f" {argument.name} = {_shown(value)} is invalid: must be {words}")
         if annotation == "float":
             return float(value)
-        return tuple(value) if annotation == "tuple[str, ...]" else value
+        return tuple(value) if annotation.startswith("tuple[") else value
 
     def choice(self, value: object, known: Iterable[str], where: str) -> str:
         known = list(known)
@@ -346,17 +346,31 @@ class _Loader:
 
     def tracker(self, kind: str, table: Mapping[str, Any]) -> dict[str, Any]:
         """The arguments of a tracker that a file can hold: numbers, and records of numbers."""
-        where, out = "[tracker]", {}
         arguments = [a for a in tracker_arguments(kind) if a.name not in GIVEN_ELSEWHERE]
-        self.known_keys(table, ["type", *(argument.name for argument in arguments)], where)
+        return self.records(arguments, table, "[tracker]", ["type"])
+
+    def records(
+        self,
+        arguments: Iterable[_Argument],
+        table: Mapping[str, Any],
+        where: str,
+        more: Iterable[str] = (),
+        given: Iterable[str] = (),
+    ) -> dict[str, Any]:
+        """The table as arguments that may be records of their own.
+
+        Keys in `more` belong to somebody else; arguments in `given` need not be there.
+        """
+        arguments, out = list(arguments), {}
+        self.known_keys(table, [*more, *(argument.name for argument in arguments)], where)
         for argument in arguments:
             name, annotation = argument.name, argument.annotation.removesuffix(" | None")
             record = _RECORDS.get(_BETWEEN.split(annotation)[-1])
             if name not in table:
-                if argument.required:
+                if argument.required and name not in given:
                     self.fail(where, f': "{name}" is missing')
             elif record is not None and (isinstance(table[name], dict) or annotation in _RECORDS):
-                out[name] = self.build(record, self.table(table, name) or {}, f"[tracker.{name}]")
+                out[name] = self.build(record, self.table(table, name) or {}, f"{where[:-1]}.{name}]")
             elif name in _CHOICES:
                 out[name] = self.kind(name, table[name], where)
             elif name == "gate":
@@ -367,7 +381,7 @@ class _Loader:
 
     def kind(self, name: str, value: object, where: str) -> object:
         """A record of a kind that is named alone, or by "type" in a table of its own; counting hits needs no name."""
-        kinds, here = _CHOICES[name], f"[tracker.{name}]"
+        kinds, here = _CHOICES[name], f"{where[:-1]}.{name}]"
         if not isinstance(value, dict):
             return self.build(kinds[self.choice(value, kinds, f"{where} {name}")], {}, here)
         table = {"type": snake_case(MofN.__name__)} | value if name == "initiator" else value
@@ -393,7 +407,7 @@ class _Loader:
                 self.fail(
                     "[input]", f' ignore_sensors: "{name}" has a model in [sensors.{name}]; remove one of the two'
                 )
-        self.core(config.make_tracker, "[tracker]", config.kind)
+        self.core(config.make_tracker, "[tracker]", tracker_arguments(config.kind))
         if config.score:
             self.check_score(config, config.score, score)
         if len(config.plot.labels) != 2:
@@ -419,19 +433,19 @@ class _Loader:
         if config.truth and len(config.truth.columns) != len(platform):
             self.fail("[input]", f" platform: {len(platform)} columns, but [truth] has {len(config.truth.columns)}")
 
-    def core(self, build: Callable[[], object], where: str, kind: str = "multi_target") -> None:
-        """Let the core check, and put its finding where the user wrote the value."""
+    def core(self, build: Callable[[], T], where: str, arguments: Iterable[_Argument] = ()) -> T:
+        """Let the core check, and put its finding where the user wrote the value, perhaps in one of these arguments."""
         try:
-            build()
+            return build()
         except TrackrsError as error:
             text = str(error)
             culprit = text.split(" ", 1)[0]
-            if where == "[tracker]":
-                if culprit == "probability":
-                    text = text.replace(culprit, "gate", 1)
-                for argument in tracker_arguments(kind):
-                    record = _RECORDS.get(_BETWEEN.split(argument.annotation.removesuffix(" | None"))[-1])
-                    records = [record] if record else _CHOICES.get(argument.name, {}).values()
-                    if any(culprit in {item.name for item in _arguments(record)} for record in records):
-                        where = f"[tracker.{argument.name}]"
+            if culprit == "probability":
+                gates = [argument.name for argument in arguments if argument.name == "gate"]
+                text = text.replace(culprit, "gate", 1) if gates else text
+            for argument in arguments:
+                record = _RECORDS.get(_BETWEEN.split(argument.annotation.removesuffix(" | None"))[-1])
+                records = [record] if record else _CHOICES.get(argument.name, {}).values()
+                if any(culprit in {item.name for item in _arguments(record)} for record in records):
+                    self.fail(f"{where[:-1]}.{argument.name}]", f" {text}")
             self.fail(where, f" {text}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, frozen, per_axis
+from trackrs._arrays import FloatArray, array, frozen, frozen_array, per_axis
 from trackrs._value import Value
 from trackrs.errors import ParameterError
 
@@ -237,6 +237,7 @@ class CustomMotion(Motion):
 
     f: Callable[[FloatArray, float], ArrayLike]
     jacobian: Callable[[FloatArray, float], ArrayLike] | None
+    _given: FloatArray | Callable[[float], ArrayLike] = field(init=False, repr=False)
 
     def __init__(
         self,
@@ -247,7 +248,7 @@ class CustomMotion(Motion):
         jacobian: Callable[[FloatArray, float], ArrayLike] | None = None,
     ) -> None:
         """Build the model."""
-        given = noise if callable(noise) else array(noise, "noise", 2)
+        given = noise if callable(noise) else frozen_array(noise, "noise", 2)
         if labels is None:
             if callable(given):
                 msg = "labels is missing: with noise as a function nothing else says how long the state is"
@@ -255,4 +256,8 @@ class CustomMotion(Motion):
             labels = [f"x{i}" for i in range(len(given))]
         object.__setattr__(self, "f", f)
         object.__setattr__(self, "jacobian", jacobian)
+        object.__setattr__(self, "_given", given)
         object.__setattr__(self, "_core", _trackrs.Motion.custom(f, given, list(labels), jacobian))
+
+    def _more(self) -> dict[str, object]:
+        return {"noise": self._given, "labels": self.labels}

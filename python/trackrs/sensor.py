@@ -442,6 +442,7 @@ class CustomSensor(Sensor):
 
     h: Callable[[FloatArray], ArrayLike]
     jacobian: Callable[[FloatArray], ArrayLike] | None
+    _given: tuple[FloatArray, tuple[int, ...]] = field(init=False, repr=False)
 
     def __init__(
         self,
@@ -453,5 +454,10 @@ class CustomSensor(Sensor):
     ) -> None:
         """Build the model."""
         object.__setattr__(self, "h", h)
+        given = (frozen_array(noise, "noise", 2), tuple(angles))
         object.__setattr__(self, "jacobian", jacobian)
-        object.__setattr__(self, "_core", _trackrs.Sensor.custom(h, array(noise, "noise", 2), list(angles), jacobian))
+        object.__setattr__(self, "_given", given)
+        object.__setattr__(self, "_core", _trackrs.Sensor.custom(h, given[0], list(given[1]), jacobian))
+
+    def _more(self) -> dict[str, object]:
+        return {"noise": self._given[0], "angles": self._given[1]}

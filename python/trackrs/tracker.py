@@ -140,6 +140,12 @@ class Recorder:
         """Where every row went so far."""
         return Ledger(**self._core.ledger())
 
+    def copy(self) -> Self:
+        """Return another tracker that stands where this one does."""
+        tracker = type(self).__new__(type(self))
+        tracker._core, tracker._labels = self._core.copy(), self._labels
+        return tracker
+
     def to_bytes(self) -> bytes:
         """Save the tracker with everything it knows: versioned, checksummed, data only."""
         data: bytes = self._core.to_bytes()

@@ -38,11 +38,12 @@ def _run(args: Sequence[str] | None) -> int:
 
     from trackrs.cli.evaluate import evaluate
     from trackrs.cli.reproduce import reproduce
+    from trackrs.cli.study import study
     from trackrs.cli.track import track
 
     group = click.Group(
         "trackrs",
-        commands=[track, evaluate, reproduce],
+        commands=[track, evaluate, study, reproduce],
         help="Target tracking: from detections to tracks with honest covariances.",
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
         no_args_is_help=False,

@@ -60,9 +60,9 @@ class CloseTargets(Recalled):
     """
 
     radar: RangeBearing
-    times: FloatArray
-    truth: FloatArray
-    initial: tuple[GaussianState, ...]
+    times: FloatArray = field(repr=False)
+    truth: FloatArray = field(repr=False)
+    initial: tuple[GaussianState, ...] = field(repr=False)
     clutter_area: float
     scan_size: int
     _core: _trackrs.CloseTargets = field(repr=False)

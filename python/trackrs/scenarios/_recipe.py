@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import functools
+import inspect
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
@@ -16,7 +18,7 @@ class Recalled:
     """A scenario that knows the call that made it."""
 
     __slots__ = ("_recipe",)
-    _recipe: tuple[str, tuple[Any, ...], dict[str, Any]]
+    _recipe: tuple[str, dict[str, Any]]
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
         """Pickle the call."""
@@ -25,17 +27,22 @@ class Recalled:
 
 def remembered(make: Callable[P, R]) -> Callable[P, R]:
     """Let what a function returns know the call that made it."""
+    signature = inspect.signature(make)
 
     @functools.wraps(make)
     def made(*args: P.args, **kwargs: P.kwargs) -> R:
         scenario = make(*args, **kwargs)
-        object.__setattr__(scenario, "_recipe", (make.__name__, args, kwargs))
+        # All arguments by name, so that the same call is the same recipe however it was written; copies, because a list
+        # may change later.
+        call = signature.bind(*args, **kwargs)
+        call.apply_defaults()
+        object.__setattr__(scenario, "_recipe", (make.__name__, copy.deepcopy(call.arguments)))
         return scenario
 
     return made
 
 
-def _make(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> object:
+def _make(name: str, arguments: dict[str, Any]) -> object:
     from trackrs import scenarios  # noqa: PLC0415 (which imports this module)
 
-    return getattr(scenarios, name)(*args, **kwargs)
+    return getattr(scenarios, name)(**arguments)

@@ -42,7 +42,7 @@ class Turning(Recalled):
     """
 
     std: float
-    times: FloatArray
+    times: FloatArray = field(repr=False)
     _core: _trackrs.Turning = field(repr=False)
 
     def truth(self, times: ArrayLike) -> FloatArray:

@@ -100,8 +100,8 @@ class Underwater(Recalled):
     """
 
     array: RangeArray
-    times: FloatArray
-    truth: FloatArray
+    times: FloatArray = field(repr=False)
+    truth: FloatArray = field(repr=False)
     _core: _trackrs.Underwater = field(repr=False)
 
     def draw(self, seed: int, run: int = 0) -> Recording:

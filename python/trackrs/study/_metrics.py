@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from trackrs.errors import ParameterError
 from trackrs.metric import GOSPA, OSPA
 
 
@@ -55,10 +56,11 @@ class LeadError:
     first: int = 0
 
 
+Item: TypeAlias = tuple[str, list[float], int]
 Metric: TypeAlias = OSPA | GOSPA | Cardinality | Identity | PositionError | LeadError
 
 
-def item(metric: Metric) -> tuple[str, list[float], int]:
+def item(metric: object) -> Item:
     """Return kind, numbers and first step, as the core takes them."""
     match metric:
         case OSPA(c, p):
@@ -73,7 +75,10 @@ def item(metric: Metric) -> tuple[str, list[float], int]:
             return "position", [], first
         case LeadError("midpoint", first):
             return "lead", [], first
-        case LeadError(lead, first):
+        case LeadError(int() | float() as lead, first):
             return "lead", [float(lead)], first
+        case LeadError(lead):
+            msg = f'lead = {lead!r} is invalid: must be seconds or "midpoint"'
+            raise ParameterError(msg)
     msg = f"metric = {metric!r} is invalid: must be OSPA, GOSPA or one of trackrs.study"
-    raise TypeError(msg)
+    raise ParameterError(msg)

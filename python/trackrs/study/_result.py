@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,10 +76,10 @@ class MethodResult:
     """
 
     name: str
-    times: FloatArray
+    times: FloatArray = field(repr=False)
     columns: tuple[Column, ...]
-    values: FloatArray
-    seconds: FloatArray
+    values: FloatArray = field(repr=False)
+    seconds: FloatArray = field(repr=False)
 
     def series(self, column: str) -> FloatArray:
         """Return one column, (R, S).
@@ -130,7 +131,7 @@ class StudyResult:
     """
 
     seed: int
-    runs: IntArray
+    runs: IntArray = field(repr=False)
     methods: tuple[MethodResult, ...]
     failures: tuple[Failure, ...]
 
@@ -168,30 +169,38 @@ class StudyResult:
         Args:
             columns: which, None for all that every method has.
             baseline: the method that the others are compared with in the first column, None for the first one.
+
+        Raises:
+            ParameterError: there is no such column or method.
         """
         if columns is None:
             first, *others = [[column.name for column in one.columns] for one in self.methods]
             columns = [name for name in first if all(name in names for names in others)]
-        base = self.methods[0].name if baseline is None else baseline
-        lead = columns[0]
-        head = ["method", *columns, f"{lead}: minus {base}", "p", "ms/run"]
+        if not columns:
+            msg = "columns: there is none that all methods have; name some of one result alone"
+            raise ParameterError(msg)
+        base, lead = self.methods[0].name if baseline is None else baseline, columns[0]
+        failed = Counter(failure.method for failure in self.failures)
+        head = ["method", *columns, *([] if len(self.methods) == 1 else [f"{lead}: minus {base}", "p"]), "ms/run"]
+        head += ["failed"] if failed else []
         rows = []
         for one in self.methods:
-            cells = [one.name]
-            for column in columns:
-                found = one.summary(column)
-                cells.append(f"{found.mean:.4g} ±{found.half_width:.2g}")
+            summaries = [one.summary(column) for column in columns]
+            cells = [one.name, *(_number(found.mean, found.half_width) for found in summaries)]
             if one.name == base:
-                cells += ["", ""]
+                cells += [] if len(self.methods) == 1 else ["", ""]
             else:
                 gap = self.compare(one.name, base, lead)
-                cells += [f"{gap.mean:+.4g} [{gap.low:+.3g}, {gap.high:+.3g}]", f"{gap.p_value:.2g}"]
-            rows.append([*cells, f"{1e3 * np.median(one.seconds):.3g}" if len(one.seconds) else ""])
+                cells += [_gap(gap), "" if np.isnan(gap.p_value) else f"{gap.p_value:.2g}"]
+            cells.append(f"{1e3 * np.median(one.seconds):.3g}" if len(one.seconds) else "")
+            rows.append(cells + ([str(failed[one.name])] if failed else []))
         widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in [head, *rows]]
-        notes = [f"{len(self.runs)} runs, seed {self.seed}; ± is half a 95 % interval (bootstrap)"]
+        count = len(self.runs)
+        notes = [f"{count} run{'s' * (count != 1)}, seed {self.seed}; ± is half a 95 % interval (bootstrap)"]
         if self.failures:
-            notes.append(f"{len(self.failures)} runs could not be finished, the first: {self.failures[0].reason}")
+            first_one = self.failures[0]
+            notes.append(f"failed runs count for nothing; the first is run {first_one.run}: {first_one.reason}")
         return "\n".join(line.rstrip() for line in [*lines, *notes])
 
     def to_table(self) -> dict[str, NDArray[Any]]:
@@ -214,15 +223,21 @@ class StudyResult:
 
     def to_frame(self) -> Any:  # noqa: ANN401 (polars is not imported for its type)
         """Return `to_table` as a Polars data frame; needs polars."""
-        import polars  # noqa: PLC0415 (only who asks for it needs it)
-
-        return polars.DataFrame(self.to_table())
+        try:
+            import polars as pl  # noqa: PLC0415 (only who asks for it needs it)
+        except ImportError:
+            msg = 'to_frame needs polars: pip install "trackrs[cli]"'
+            raise ImportError(msg) from None
+        return pl.DataFrame(self.to_table())
 
     def to_arrow(self) -> Any:  # noqa: ANN401 (pyarrow is not imported for its type)
         """Return `to_table` as an Arrow table; needs pyarrow."""
-        import pyarrow  # noqa: PLC0415 (only who asks for it needs it)
-
-        return pyarrow.table(self.to_table())
+        try:
+            import pyarrow as pa  # noqa: PLC0415 (only who asks for it needs it)
+        except ImportError:
+            msg = "to_arrow needs pyarrow: pip install pyarrow"
+            raise ImportError(msg) from None
+        return pa.table(self.to_table())
 
     def to_bytes(self) -> bytes:
         """Return everything but the times it took: the same bytes on any number of threads, processes and machines."""
@@ -234,6 +249,18 @@ class StudyResult:
         parts += [f"{failure!r}".encode() for failure in self.failures]
         body = b"".join(parts)
         return body + struct.pack("<I", zlib.crc32(body))
+
+
+def _number(mean: float, half_width: float) -> str:
+    if np.isnan(mean):
+        return "-"
+    return f"{mean:.4g}" if np.isnan(half_width) else f"{mean:.4g} ±{half_width:.2g}"
+
+
+def _gap(gap: Difference) -> str:
+    if np.isnan(gap.mean):
+        return "-"
+    return f"{gap.mean:+.4g}" if np.isnan(gap.low) else f"{gap.mean:+.4g} [{gap.low:+.3g}, {gap.high:+.3g}]"
 
 
 def result_of(

@@ -28,7 +28,8 @@ pub(crate) fn keep_error(error: &Error) {
     });
 }
 
-fn raised() -> Option<PyErr> {
+/// That exception, which then counts as dealt with.
+pub(crate) fn raised() -> Option<PyErr> {
     RAISED.with_borrow_mut(Option::take)
 }
 

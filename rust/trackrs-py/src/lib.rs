@@ -64,7 +64,7 @@ mod _trackrs {
     #[pymodule_export]
     use crate::stats::{chi_square_quantile, regularise};
     #[pymodule_export]
-    use crate::study::{Study, score_tracks, study_columns};
+    use crate::study::{Study, StudyStop, score_tracks, study_columns};
     #[pymodule_export]
     use crate::tracker::Tracker;
 

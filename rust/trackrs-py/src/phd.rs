@@ -288,6 +288,13 @@ impl IntensityTracker {
         })
     }
 
+    /// Another one that stands where this one does.
+    fn copy(&self, py: Python<'_>) -> PyResult<Self> {
+        Ok(Self {
+            inner: Mutex::new(lock(py, &self.inner)?.clone()),
+        })
+    }
+
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let tracker = lock(py, &self.inner)?;
         Ok(PyBytes::new(

@@ -1,5 +1,7 @@
 //! Studies.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use numpy::{PyUntypedArrayMethods, ndarray};
@@ -7,10 +9,10 @@ use pyo3::prelude::*;
 use trackrs::Error;
 use trackrs::error::require_size;
 use trackrs::filter::lead::Lead;
-use trackrs::sim::study::{self, Estimate, Method, Named, Scene, StudyMetric, Summary};
+use trackrs::sim::study::{self, Estimate, Method, Named, Oversight, Scene, StudyMetric, Summary};
 
 use crate::array;
-use crate::error::{compute, count, to_python};
+use crate::error::{compute, count, raised, to_python};
 use crate::filter::Filter;
 use crate::phd::IntensityTracker;
 use crate::scans::lock;
@@ -91,7 +93,7 @@ impl Study {
                 scan_size: size,
             },
             SceneItem::ExtendedTargets(scene) => Scene::ExtendedTargets(scene.core.clone()),
-            SceneItem::Underwater(scene) => Scene::Underwater(scene.core.clone()),
+            SceneItem::Underwater(scene) => Scene::Underwater(Box::new(scene.core.clone())),
             SceneItem::Turning(scene) => Scene::Turning(scene.core.clone()),
         };
         let mut named = Vec::with_capacity(methods.len());
@@ -111,18 +113,19 @@ impl Study {
         PyArray1::from_slice(py, self.core.times())
     }
 
-    /// Some runs, one after the other, in this thread.
-    fn run<'py>(&self, py: Python<'py>, seed: u64, first: u64, runs: u64) -> PyResult<Runs<'py>> {
+    /// Some runs, one after the other, in this thread; fewer if it was stopped.
+    fn run<'py>(&self, py: Python<'py>, seed: u64, first: u64, runs: u64, stop: &StudyStop) -> PyResult<Runs<'py>> {
         let end = first.saturating_add(runs);
         let trials = compute(py, || {
-            (first..end)
-                .map(|run| self.core.run(seed, run))
+            let trials = (first..end).map(|run| self.core.run_under(stop, seed, run));
+            trials
+                .map_while(trackrs::Result::transpose)
                 .collect::<trackrs::Result<Vec<_>>>()
         })?;
         let methods = self.core.methods().len();
         let width = methods * self.core.columns().len() * self.core.times().len();
         let mut failures = Vec::new();
-        for (run, trial) in (first..).zip(&trials) {
+        for (run, trial) in (first..end).zip(&trials) {
             failures.extend(trial.failures.iter().map(|f| (run, f.method, f.reason.clone())));
         }
         let values = trials.iter().flat_map(|trial| trial.values.iter().copied());
@@ -132,6 +135,41 @@ impl Study {
             seconds: PyArray1::from_iter(py, seconds).reshape([trials.len(), methods])?,
             failures,
         })
+    }
+}
+
+/// Makes runs leave off, from another thread.
+#[pyclass(frozen, module = "trackrs._trackrs")]
+#[derive(Default)]
+pub(crate) struct StudyStop {
+    set: AtomicBool,
+}
+
+#[pymethods]
+impl StudyStop {
+    #[new]
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set(&self) {
+        self.set.store(true, Ordering::Relaxed);
+    }
+
+    fn is_set(&self) -> bool {
+        self.set.load(Ordering::Relaxed)
+    }
+}
+
+impl Oversight for StudyStop {
+    fn stopped(&self) -> bool {
+        self.is_set()
+    }
+
+    /// What a model written in Python has raised.
+    fn fault(&self) -> Option<String> {
+        let error = raised()?;
+        Some(error.to_string())
     }
 }
 
@@ -198,6 +236,6 @@ pub(crate) fn score_tracks<'py>(
         }
         study::score_tracks(&metrics(items)?, &places, &found)
     })?;
-    let columns = if steps == 0 { 0 } else { out.len() / steps };
+    let columns = out.len().checked_div(steps).unwrap_or(0);
     PyArray1::from_vec(py, out).reshape([columns, steps])
 }

@@ -2,7 +2,8 @@
 //!
 //! Run k draws from stream (seed, k) and from nothing else: it is the same in any order, on any number of threads and in
 //! any process, so that parts of a study can be computed anywhere and put together. All methods of a run get the same
-//! draw. A method that fails in a run leaves NaN and says why; the others go on.
+//! draw. A method that fails in a run leaves NaN and says why; the others go on. Whoever runs a study may stop it within a
+//! run ([`Oversight`]).
 //!
 //! | symbol | name here              | shape     | meaning                                          |
 //! |--------|------------------------|-----------|--------------------------------------------------|
@@ -27,6 +28,7 @@ pub use score::{Column, Estimate, StudyMetric, Summary, score_step};
 use crate::error::{Error, Result};
 use crate::filter::lead::Lead;
 use crate::filter::sequence::{Filter, History, InitialState};
+use crate::scan::Scan;
 use crate::track::Track;
 use crate::tracker::multi_target::MultiTargetTracker;
 use crate::tracker::phd::PhdTracker;
@@ -80,6 +82,33 @@ pub struct Failure {
     pub reason: String,
 }
 
+/// What somebody who runs a study may want to say meanwhile. `()` says nothing.
+pub trait Oversight {
+    /// Whether to leave off: looked at between scans and between methods.
+    fn stopped(&self) -> bool {
+        false
+    }
+
+    /// What a method's own code has reported outside of [`Error`]; looked at after every method, which then has failed.
+    fn fault(&self) -> Option<String> {
+        None
+    }
+}
+
+impl Oversight for () {}
+
+/// Why there are no scores.
+enum Without {
+    Stopped,
+    Failed(Error),
+}
+
+impl From<Error> for Without {
+    fn from(error: Error) -> Self {
+        Self::Failed(error)
+    }
+}
+
 impl Study {
     /// The checked study.
     pub fn new(scene: Scene, methods: Vec<Named>, metrics: Vec<StudyMetric>) -> Result<Self> {
@@ -99,6 +128,9 @@ impl Study {
             if matches!(metric, StudyMetric::Lead { .. }) && scene.between(0.0).is_none() {
                 let requirement = "needs a scenario that knows the truth between measurements, as turntable does";
                 return Err(Error::invalid("metric", "lead_error", requirement));
+            }
+            if let StudyMetric::Lead { lead, .. } = metric {
+                lead.seconds(&scene.times(), None)?;
             }
         }
         for Named { name, method } in &methods {
@@ -157,26 +189,43 @@ impl Study {
 
     /// Run `run` of the study with this seed. An error is one of the scene; those of methods are in the result.
     pub fn run(&self, seed: u64, run: u64) -> Result<Trial> {
+        let trial = self.run_under(&(), seed, run)?;
+        Ok(trial.unwrap_or_else(|| self.blank()))
+    }
+
+    /// The same; `None` if it was stopped.
+    pub fn run_under(&self, oversight: &dyn Oversight, seed: u64, run: u64) -> Result<Option<Trial>> {
         let drawn = self.scene.draw(seed, run)?;
+        let mut trial = self.blank();
         let width = self.columns().len() * self.times.len();
-        let mut trial = Trial {
-            values: vec![f64::NAN; self.methods.len() * width],
-            seconds: Vec::with_capacity(self.methods.len()),
-            failures: Vec::new(),
-        };
         for (i, named) in self.methods.iter().enumerate() {
-            let begun = Instant::now();
-            let (scored, seconds) = self.try_method(&named.method, &drawn, begun);
-            trial.seconds.push(seconds);
-            match scored {
-                Ok(values) => trial.values[i * width..(i + 1) * width].copy_from_slice(&values),
-                Err(error) => trial.failures.push(Failure {
-                    method: i,
-                    reason: error.to_string(),
-                }),
-            }
+            let (scored, seconds) = self.try_method(&named.method, &drawn, oversight);
+            trial.seconds[i] = seconds;
+            let failed = match (scored, oversight.fault()) {
+                (Err(Without::Stopped), _) => return Ok(None),
+                (_, Some(reason)) => reason,
+                (Err(Without::Failed(error)), None) => error.to_string(),
+                (Ok(values), None) => {
+                    trial.values[i * width..(i + 1) * width].copy_from_slice(&values);
+                    continue;
+                }
+            };
+            trial.failures.push(Failure {
+                method: i,
+                reason: failed,
+            });
         }
-        Ok(trial)
+        Ok(Some(trial))
+    }
+
+    /// Nothing known yet.
+    fn blank(&self) -> Trial {
+        let width = self.columns().len() * self.times.len();
+        Trial {
+            values: vec![f64::NAN; self.methods.len() * width],
+            seconds: vec![0.0; self.methods.len()],
+            failures: Vec::new(),
+        }
     }
 
     /// All runs of a range, on so many threads, in their order.
@@ -200,25 +249,36 @@ impl Study {
     }
 
     /// The scores of one method, C × S, and the seconds it took without the scoring.
-    fn try_method(&self, method: &Method, drawn: &Drawn, begun: Instant) -> (Result<Vec<f64>>, f64) {
+    fn try_method(
+        &self,
+        method: &Method,
+        drawn: &Drawn,
+        oversight: &dyn Oversight,
+    ) -> (std::result::Result<Vec<f64>, Without>, f64) {
+        let begun = Instant::now();
         match (method, drawn) {
             (Method::Tracker(tracker), Drawn::Scans { scans, truth }) => {
-                let found = tracker.as_ref().clone().run(scans);
+                let mut tracker = tracker.as_ref().clone();
+                let checked = tracker.check_run(scans);
+                let found = follow(checked, scans, oversight, |scan| tracker.step(scan));
                 let seconds = begun.elapsed().as_secs_f64();
-                (found.and_then(|tracks| self.score_tracks(&tracks, truth)), seconds)
+                (found.and_then(|tracks| Ok(self.score_tracks(&tracks, truth)?)), seconds)
             }
             (Method::Intensity(tracker), Drawn::Scans { scans, truth }) => {
-                let found = tracker.as_ref().clone().run(scans);
+                let mut tracker = tracker.as_ref().clone();
+                let checked = tracker.check_run(scans);
+                let found = follow(checked, scans, oversight, |scan| tracker.step(scan));
                 let seconds = begun.elapsed().as_secs_f64();
-                (found.and_then(|tracks| self.score_tracks(&tracks, truth)), seconds)
+                (found.and_then(|tracks| Ok(self.score_tracks(&tracks, truth)?)), seconds)
             }
+            (Method::Filter(_), _) if oversight.stopped() => (Err(Without::Stopped), 0.0),
             (Method::Filter(filter), Drawn::Sequence { values, truth, initial }) => {
                 let mut seconds = 0.0;
                 let scored = self.score_filter(filter, values, truth, initial.as_ref(), &mut seconds);
-                (scored, seconds)
+                (scored.map_err(Without::from), seconds)
             }
             // `new` lets no such pair through.
-            _ => (Ok(Vec::new()), 0.0),
+            _ => (Err(Error::invalid("method", "?", "must fit the scenario").into()), 0.0),
         }
     }
 
@@ -260,6 +320,24 @@ impl Study {
         }
         Ok(out)
     }
+}
+
+/// What a tracker finds at every scan, as its `run` does, with a look at the oversight before each.
+fn follow(
+    checked: Result<()>,
+    scans: &[Scan],
+    oversight: &dyn Oversight,
+    mut step: impl FnMut(&Scan) -> Result<Vec<Track>>,
+) -> std::result::Result<Vec<Vec<Track>>, Without> {
+    checked?;
+    let mut found = Vec::with_capacity(scans.len());
+    for scan in scans {
+        if oversight.stopped() {
+            return Err(Without::Stopped);
+        }
+        found.push(step(scan)?);
+    }
+    Ok(found)
 }
 
 /// The scores of what was found at every step, C × S.

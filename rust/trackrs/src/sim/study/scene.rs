@@ -26,7 +26,7 @@ pub enum Scene {
     /// Targets that give many detections.
     ExtendedTargets(ExtendedTargets),
     /// A vessel heard by hydrophones.
-    Underwater(Underwater),
+    Underwater(Box<Underwater>),
     /// An angle.
     Turning(Turning),
 }

@@ -227,9 +227,11 @@ pub(super) fn score_run(metric: &StudyMetric, scene: &Scene, truth: &[DVector<f6
             }
         }
         StudyMetric::Lead { first, .. } => {
-            for k in (*first).max(run.start)..steps.min(run.leads.len()) {
-                let place = run.lead_times.get(k).and_then(|&time| scene.between(time));
-                out[k] = place.map_or(f64::NAN, |place| position_error(&run.leads, k, &place, dims).0);
+            let rows = steps.min(run.leads.len());
+            for (k, (error, &time)) in out.iter_mut().zip(&run.lead_times).enumerate().take(rows) {
+                if let Some(place) = scene.between(time).filter(|_| k >= (*first).max(run.start)) {
+                    *error = position_error(&run.leads, k, &place, dims).0;
+                }
             }
         }
         _ => {}
