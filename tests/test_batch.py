@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import trackrs as tr
-from trackrs import _trackrs
+from trackrs.batch import simd_levels
 
 MOTION = tr.ConstantVelocity(dims=2, accel_psd=0.3)
 SENSOR = tr.PositionSensor(dims=2, std=[1.0, 2.0])
@@ -120,7 +120,7 @@ def at_level(name):
 
 
 def test_every_level_gives_the_same_bits():
-    levels = _trackrs.simd_levels()
+    levels = simd_levels()
     assert levels[-1] == "scalar"
     found = {at_level(name).stdout for name in [*levels, ""]}
     assert len(found) == 1

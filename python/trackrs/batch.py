@@ -14,7 +14,12 @@ from trackrs.errors import DimensionError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
+    from trackrs.filter import _SequenceFilter
+
+
+def simd_levels() -> tuple[str, ...]:
+    """Return the levels of instructions of this machine, the best one first: what TRACKRS_SIMD may name."""
+    return tuple(_trackrs.simd_levels())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +78,7 @@ class TrackBatch:
 
     def __init__(
         self,
-        filter: KalmanFilter | ExtendedKalmanFilter | UnscentedKalmanFilter | CubatureKalmanFilter,  # noqa: A002
+        filter: _SequenceFilter,  # noqa: A002
         means: ArrayLike,
         covs: ArrayLike,
         time: float = 0.0,
@@ -144,5 +149,6 @@ class TrackBatch:
         """
         t = array(times, "times", 1)
         out: dict[str, Any] = self._core.run(t, array(measurements, "measurements", 3), means=True, covs=covs, nis=nis)
-        kept = {name: None if value is None else frozen(value) for name, value in out.items()}
-        return BatchRun(times=frozen(t.copy()), labels=self.labels, failures=self.failures, **kept)
+        means, rest = frozen(out["means"]), {name: out[name] for name in ("covs", "nis")}
+        kept = {name: None if value is None else frozen(value) for name, value in rest.items()}
+        return BatchRun(frozen(t.copy()), self.labels, means, failures=self.failures, **kept)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
     from trackrs.types import GaussianState
 
-    AnyFilter = KalmanFilter | ExtendedKalmanFilter | UnscentedKalmanFilter | CubatureKalmanFilter
+    AnyFilter: TypeAlias = KalmanFilter | ExtendedKalmanFilter | UnscentedKalmanFilter | CubatureKalmanFilter
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,7 @@ NUMBER = click.IntRange(0, 2**64 - 1)
 @click.option("--seed", type=NUMBER, help="Seed of the random numbers; by default what the file says, or 0.")
 @click.option("--folder", type=FILE, help="Keep finished runs there, and go on from those that are there.")
 @click.option("--out", type=FILE, help="Write what every run gave, .csv or .parquet.")
+@click.option("--report", type=FILE, help="Write a page with every comparison and every column over time, .html.")
 @click.option("--workers", type=click.IntRange(1), help="Threads; by default all processors.")
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
 def study(
@@ -38,6 +39,7 @@ def study(
     seed: int | None,
     folder: Path | None,
     out: Path | None,
+    report: Path | None,
     workers: int | None,
     as_json: bool,
 ) -> None:
@@ -47,6 +49,8 @@ def study(
     if out is not None:
         suffix = table_suffix(out)
         check_target(out)
+    if report is not None:
+        check_target(report)
     runs, seed = given.runs if runs is None else runs, given.seed if seed is None else seed
     begun = time.perf_counter()
     try:
@@ -60,10 +64,23 @@ def study(
     if out is not None and suffix is not None:
         with replacing(out) as file:
             write_table(result.to_table(), file, suffix)
+    if report is not None:
+        write_page(report, result, config.stem)
     if as_json:
-        print_json(summary(result) | {"took": seconds, "out": None if out is None else str(out)})
+        paths = {"out": None if out is None else str(out), "report": None if report is None else str(report)}
+        print_json(summary(result) | {"took": seconds} | paths)
     else:
         click.echo(result.table())
+
+
+def write_page(path: Path, result: StudyResult, title: str) -> None:
+    """Write what there is about a study."""
+    from trackrs.report import write_report
+    from trackrs.study._sections import comparison, curves
+
+    base, columns = result.methods[0], [column.name for column in result.methods[0].columns]
+    sections = [comparison(result, columns, base.name, "Methods"), *(curves(result, name, name) for name in columns)]
+    write_report(path, title, sections, subtitle=f"{len(result.runs)} runs, seed {result.seed}")
 
 
 @contextmanager

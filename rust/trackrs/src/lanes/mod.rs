@@ -4,6 +4,9 @@
 //! line), and every lane runs the same scalar algorithm: no shuffles, no sums across lanes, no fused multiply-add. So the
 //! results are the same bits at every [`Level`], and those of one track do not depend on its neighbours.
 
+// Entries of small matrices are named by their indices, as the equations have them.
+#![allow(clippy::needless_range_loop, clippy::inline_always)]
+
 pub mod block;
 pub mod kinematic;
 pub mod level;
