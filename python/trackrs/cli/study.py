@@ -18,6 +18,7 @@ from trackrs.study._toml import load_study
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from trackrs.report import Section
     from trackrs.study import StudyResult
 
 FILE = click.Path(path_type=Path)
@@ -79,7 +80,10 @@ def write_page(path: Path, result: StudyResult, title: str) -> None:
     from trackrs.study._sections import comparison, curves
 
     base, columns = result.methods[0], [column.name for column in result.methods[0].columns]
-    sections = [comparison(result, columns, base.name, "Methods"), *(curves(result, name, name) for name in columns)]
+    sections: list[Section] = [
+        comparison(result, columns, base.name, "Methods"),
+        *(curves(result, name, name) for name in columns),
+    ]
     write_report(path, title, sections, subtitle=f"{len(result.runs)} runs, seed {result.seed}")
 
 

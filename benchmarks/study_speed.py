@@ -1,6 +1,6 @@
 """Runs per second of three Monte-Carlo studies against the same ones written by hand in NumPy, and of 2 threads over 1.
 
-    python benchmarks/studies.py [--runs 200] [--repeats 3]
+    python benchmarks/study_speed.py [--runs 200] [--repeats 3]
 
 The rewritings are what a careful engineer writes in plain NumPy: NPDA and the underwater filter have a leading axis for
 the runs, and compute one run after the other or all at once; the PHD filter, whose mixture differs from run to run, is
