@@ -122,7 +122,8 @@ impl TrackBatch {
 
 /// Whether nobody has pressed Ctrl-C; if so, the exception is kept.
 fn go_on() -> bool {
-    Python::attach(|py| py.check_signals()).map_err(keep_raised).is_ok()
+    let checked = Python::attach(|py| -> PyResult<()> { py.check_signals() });
+    checked.map_err(keep_raised).is_ok()
 }
 
 /// The levels of instructions of this machine, the best one first.

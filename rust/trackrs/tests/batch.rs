@@ -1,6 +1,9 @@
 //! Batches: the lanes against the equations written down one number at a time, at every level and number of threads, bit
 //! for bit; and against the filter of one sequence to rounding.
 
+// Entries by their indices, as in the equations.
+#![allow(clippy::needless_range_loop)]
+
 use nalgebra::{DMatrix, DVector};
 use trackrs::Gaussian;
 use trackrs::filter::batch::{TrackBatch, Wanted};
@@ -404,7 +407,7 @@ fn what_is_not_observed_is_predicted_only() {
 fn mistakes_are_named() {
     let make = || TrackBatch::new(filter(2, 2), 3.0, &[0.0; 8], DMatrix::<f64>::identity(4, 4).as_slice()).unwrap();
     let message = |result: trackrs::Result<trackrs::filter::batch::BatchRun>| result.unwrap_err().to_string();
-    assert!(message(make().run(&[2.0], &[0.0; 4], ALL)).contains("2"));
+    assert!(message(make().run(&[2.0], &[0.0; 4], ALL)).contains('2'));
     assert!(message(make().run(&[4.0], &[0.0; 3], ALL)).contains("measurements"));
     assert!(message(make().run(&[4.0], &[0.0, 0.0, f64::INFINITY, 0.0], ALL)).contains("measurement"));
     assert!(message(make().run(&[f64::NAN], &[0.0; 4], ALL)).contains("times"));

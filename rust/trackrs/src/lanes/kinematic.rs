@@ -75,7 +75,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
             steps,
             sensor,
             values,
-            mut out,
+            out,
             failures,
         } = self;
         let count = steps.len();
@@ -96,13 +96,13 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                     let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
                     failed = simd.add_f64s(failed, found.failed);
                     if !out.means.is_empty() {
-                        scatter::<S, N>(&mut out.means, &x, first, used, count, t);
+                        scatter::<S, N>(out.means, &x, first, used, count, t);
                     }
                     if !out.covs.is_empty() {
-                        scatter_symmetric::<S, N, PN>(&mut out.covs, &p, first, used, count, t);
+                        scatter_symmetric::<S, N, PN>(out.covs, &p, first, used, count, t);
                     }
                     if !out.nis.is_empty() {
-                        scatter::<S, 1>(&mut out.nis, &[found.nis], first, used, count, t);
+                        scatter::<S, 1>(out.nis, &[found.nis], first, used, count, t);
                     }
                 }
                 for (to, from) in block.mean.iter_mut().zip(x) {
@@ -113,7 +113,10 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                 }
                 let lanes = lanes_of::<S>(failed);
                 for (count, lane) in failures[first..first + used].iter_mut().zip(lanes.0) {
-                    *count += lane as u64;
+                    // A whole number of steps.
+                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                    let steps = lane as u64;
+                    *count += steps;
                 }
             }
         }

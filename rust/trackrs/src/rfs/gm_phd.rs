@@ -50,7 +50,7 @@ struct Pair {
 /// All pairs of a scan.
 pub(super) struct Pairs {
     /// By measurements, those of each by components.
-    pairs: Vec<Pair>,
+    each: Vec<Pair>,
     /// Whether it can be said what the sensor should report of a component.
     seen: Vec<bool>,
     /// z − ĥ of all pairs, angles wrapped.
@@ -100,7 +100,7 @@ impl PointUpdate {
         let mut expecting = Expecting::new(n, sight.sensor, sight.rule)?;
         let (mut innovation, mut whitened, mut widths) = (vec![0.0; m], vec![0.0; m], vec![0.0; m]);
         let mut out = Pairs {
-            pairs: Vec::with_capacity(mixture.len()),
+            each: Vec::with_capacity(mixture.len()),
             seen: Vec::with_capacity(mixture.len()),
             innovations: Vec::with_capacity(mixture.len() * m),
             corrections: Corrections::new(n, m),
@@ -134,7 +134,7 @@ impl PointUpdate {
                 }
                 let nis = prediction.nis(&innovation, &mut whitened);
                 if nis <= threshold {
-                    out.pairs.push(Pair {
+                    out.each.push(Pair {
                         component,
                         measurement,
                         log_likelihood: log_prior + prediction.log_likelihood(nis),
@@ -145,9 +145,9 @@ impl PointUpdate {
                 }
             }
         }
-        out.pairs.sort_by_key(|pair| pair.measurement);
+        out.each.sort_by_key(|pair| pair.measurement);
         let mut terms = Vec::new();
-        for pairs in out.pairs.chunk_by(|a, b| a.measurement == b.measurement) {
+        for pairs in out.each.chunk_by(|a, b| a.measurement == b.measurement) {
             terms.clear();
             terms.extend(pairs.iter().map(|pair| pair.log_likelihood));
             out.log_targets[pairs[0].measurement] = log_sum(&terms);
@@ -161,8 +161,8 @@ impl PointUpdate {
             component.weight *= missed * factors.missed;
         }
         let m = pairs.corrections.measurement_dim();
-        mixture.reserve(pairs.pairs.len());
-        for pair in &pairs.pairs {
+        mixture.reserve(pairs.each.len());
+        for pair in &pairs.each {
             let weight = libm::exp(pair.log_likelihood + factors.log_detected[pair.measurement]);
             if weight > self.prune {
                 let prior = &mixture[pair.component];

@@ -58,7 +58,7 @@ impl Each<'_> {
         std::thread::scope(|scope| {
             let workers: Vec<_> = shares
                 .into_iter()
-                .map(|share| scope.spawn(move || self.share(share)))
+                .map(|mut share| scope.spawn(move || self.share(&mut share)))
                 .collect();
             workers
                 .into_iter()
@@ -66,7 +66,7 @@ impl Each<'_> {
         })
     }
 
-    fn share(&self, share: Share<'_>) -> Result<()> {
+    fn share(&self, share: &mut Share<'_>) -> Result<()> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         let steps = self.times.len();
         for (track, state) in share.states.iter_mut().enumerate() {
