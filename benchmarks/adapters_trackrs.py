@@ -25,6 +25,57 @@ def _(d):
     return linear(d, "filtered"), lambda run: (run.means, run.covs[-1])
 
 
+def batch(d: dict) -> tuple:
+    """Return the Kalman filter of W2 with its start, its times and its measurements, tracks first."""
+    dims = d["H"].shape[0]
+    order = len(d["x0"]) // dims
+    motion = tr.ConstantVelocity(dims, accel_psd=0.1) if order == 2 else tr.ConstantAcceleration(dims, jerk_psd=0.05)
+    back = blocks(dims, order)
+    start = tr.GaussianState(d["x0"][back], d["P0"][np.ix_(back, back)], 0.0)
+    values = np.ascontiguousarray(d["Z"].transpose(1, 0, 2))
+    return tr.KalmanFilter(motion, tr.PositionSensor(dims, std=1.0)), start, np.arange(1.0, d["T"] + 1.0), values, back
+
+
+@peer("W2", "trackrs", "trackrs", note="one thread; all means out, tracks first")
+def _(d):
+    kf, start, times, values, back = batch(d)
+
+    def means(run):
+        return run.means[:, :, np.argsort(back)].transpose(1, 0, 2)
+
+    return lambda: kf.run_batch(times, values, initial=start, threads=1), means
+
+
+@peer("W2", "trackrs(covariances)", "trackrs", note="one thread; all means and covariances out")
+def _(d):
+    kf, start, times, values, back = batch(d)
+
+    def means(run):
+        return run.means[:, :, np.argsort(back)].transpose(1, 0, 2)
+
+    return lambda: kf.run_batch(times, values, initial=start, covs=True, threads=1), means
+
+
+@peer("W2", "trackrs(resident)", "trackrs", note="one thread; scan by scan, only the last means out")
+def _(d):
+    kf, start, times, _, back = batch(d)
+    scans = [np.ascontiguousarray(scan) for scan in d["Z"]]
+
+    def run():
+        tracks = tr.TrackBatch(kf, np.tile(start.mean, (d["B"], 1)), start.cov, threads=1)
+        for time, scan in zip(times, scans, strict=True):
+            tracks.step(time, scan)
+        return tracks.means
+
+    def means(found):
+        # Of the last step alone there is something to compare.
+        whole = d["Xr"].copy()
+        whole[-1] = found[:, np.argsort(back)]
+        return whole
+
+    return run, means
+
+
 @peer("W3c", "trackrs", "trackrs")
 def _(d):
     run = linear(d, "full")

@@ -18,7 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PLAIN = {"us", "ms", "us_per_step", "us_per_step_filter+smooth"}  # other limits are of other algorithms
 FILES = {
-    "w01_kf.py": ["W1", "W3c"],
+    "w01_kf.py": ["W1", "W2", "W3c"],
     "w03_nonlinear.py": ["W3", "W3b"],
     "w05_clustering.py": ["W5lof", "W5dbscan", "W5kmeans", "W5dpeaks"],
     "w06_jpda.py": ["W6"],

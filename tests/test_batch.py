@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -166,3 +167,26 @@ def test_a_mistake_leaves_the_tracks_as_they_were():
 def test_no_tracks_and_no_times():
     assert KF.run_batch(TIMES, np.zeros((0, len(TIMES), 2)), initial=START).means.shape == (0, len(TIMES), 4)
     assert KF.run_batch([], np.zeros((3, 0, 2)), initial=START).means.shape == (3, 0, 4)
+
+
+def test_an_interrupt_leaves_the_tracks_as_they_were():
+    def interrupt(_number, _frame):
+        raise KeyboardInterrupt
+
+    sensor = tr.RangeBearing((0, 0), range_std=1.0, bearing_std=0.01)
+    batch = tr.TrackBatch(
+        tr.ExtendedKalmanFilter(MOTION, sensor), np.tile([30.0, 40.0, 0.0, 0.0], (4000, 1)), np.eye(4)
+    )
+    before, times = batch.means, np.arange(1.0, 1001.0)
+    values = np.tile([50.0, 0.9], (4000, 1000, 1))
+    old = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with pytest.raises(KeyboardInterrupt):
+            batch.run(times, values)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, old)
+    # Had it not looked, the exception would come at the end and the tracks would have moved.
+    assert np.array_equal(batch.means, before)
+    assert batch.time == 0.0
