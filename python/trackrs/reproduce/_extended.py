@@ -100,7 +100,7 @@ def reproduce(runs: int, seed: int, folder: Path, workers: int | None, progress:
         studies=results,
         columns=("ospa", "cardinality_error"),
         baseline=DEFAULT,
-        scenes=(scene_of(scenes[CROSSING], seed),),
+        sections=(scene_of(scenes[CROSSING], seed),),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from trackrs.filter import UnscentedKalmanFilter
 from trackrs.lead import choose_jerk_psd
 from trackrs.motion import ConstantAcceleration
+from trackrs.report import Table
 from trackrs.reproduce._drawing import COLOURS, save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction, number
 from trackrs.scenarios import Turning, moving_head, turntable
@@ -66,6 +67,7 @@ def reproduce(runs: int, seed: int, folder: Path, workers: int | None, progress:
         studies=studies,
         columns=("lead_error", "error"),
         baseline=DEFAULT,
+        sections=(table_1(spreads["turntable"]),),
     )
 
 
@@ -164,12 +166,23 @@ def claims(spreads: dict[str, dict[str, FloatArray]]) -> tuple[Claim, ...]:
     )
 
 
+def table_1(spreads: dict[str, FloatArray]) -> Table:
+    """Return Table 1: the paper's one run, and the means over ours."""
+    rows: list[list[object]] = [[f"{kind}, paper (one run)", *values] for kind, values in TABLE_1.items()]
+    rows += [[name, *(float(part.mean()) for part in parts(errors))] for name, errors in spreads.items()]
+    return Table(("errors, degrees", *ROWS), rows, "Table 1: turntable, the paper's run and the means over ours")
+
+
+def parts(errors: FloatArray) -> tuple[FloatArray, ...]:
+    """Return, per run, what Table 1 has in its columns."""
+    return errors.max(axis=1), errors.min(axis=1), errors.mean(axis=1), errors.std(axis=1, ddof=1)
+
+
 def text(result: StudyResult, spreads: dict[str, FloatArray]) -> str:
     """Return a text of Table 1, averaged over the runs, and of the study."""
     lines = [f"{'errors, degrees':24}" + "".join(f"{row:>20}" for row in ROWS) + f"{'rms':>12}"]
     for name, values in spreads.items():
-        parts = (values.max(axis=1), values.min(axis=1), values.mean(axis=1), values.std(axis=1, ddof=1))
-        cells = "".join(f"{part.mean():20.4f}" for part in parts)
+        cells = "".join(f"{part.mean():20.4f}" for part in parts(values))
         lines.append(f"{name:24}{cells}{rms(values).mean:12.4f}")
     return "\n".join([*lines, "", result.table(["lead_error", "error"], DEFAULT)])
 

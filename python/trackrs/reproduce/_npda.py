@@ -91,7 +91,7 @@ def reproduce(runs: int, seed: int, folder: Path, workers: int | None, progress:
         studies=studies,
         columns=COLUMNS,
         baseline=PRINTED,
-        scenes=tuple(scene_of(method, seed) for method in (PRINTED, JPDAF)),
+        sections=tuple(scene_of(method, seed) for method in (PRINTED, JPDAF)),
     )
 
 

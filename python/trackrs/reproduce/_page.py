@@ -40,7 +40,7 @@ def sections_of(one: Reproduction) -> list[Section]:
     columns = ("number", "printed", "independent", "± independent", "ours", "± ours", "agreement")
     return [
         Prose(one.summary, one.paper),
-        *one.scenes,
+        *one.sections,
         *(Picture(picture.path, picture.title, picture.title) for picture in one.pictures),
         *(comparison(result, one.columns, one.baseline, title) for title, result in one.studies.items()),
         Table(columns, [row(n) for n in one.numbers], f"Numbers: {agree}", "agreement"),

@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from trackrs.report import Scene
+    from trackrs.report import Section
     from trackrs.study import StudyResult, Summary
 
 Verdict = Literal["holds", "holds in part", "does not hold"]
@@ -87,7 +87,7 @@ class Reproduction:
         studies: all results, by title.
         columns: of the studies, the ones that matter.
         baseline: method that the others are compared with.
-        scenes: runs to play, by title.
+        sections: of the page: runs to play, tables of the paper.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Reproduction:
     studies: dict[str, StudyResult]
     columns: tuple[str, ...]
     baseline: str
-    scenes: tuple[Scene, ...] = ()
+    sections: tuple[Section, ...] = ()
 
 
 def number(
