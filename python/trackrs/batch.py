@@ -50,8 +50,8 @@ class TrackBatch:
     `PositionSensor`, up to three axes, without screen and noise estimation, run several tracks to a register of the
     processor, with the structure of the motion in place of products with its matrix: the results agree with `run` to
     rounding. All other filters are run one track after the other. Either way the bits do not depend on the processor's
-    instructions (the variable TRACKRS_SIMD of the environment chooses between `scalar` and `v3`), on the number of threads,
-    or on the other tracks.
+    instructions (the variable TRACKRS_SIMD of the environment chooses between `scalar` and `v3`), on the number of
+    threads, or on the other tracks.
 
     Args:
         filter: of every track.
