@@ -59,8 +59,8 @@ def test_a_study_that_is_killed_again_and_again_ends_the_same(tmp_path, close):
     runs = 1500  # about two seconds of one core
     arguments = [str(Path(__file__).parent), str(tmp_path), str(runs), str(KILLS)]
     subprocess.run([sys.executable, "-c", KILLER, *arguments], check=True, timeout=100)
-    sessions = list(tmp_path.glob("runs-*.bin"))
-    assert len(sessions) > 1
+    files = list(tmp_path.glob("runs-*.bin"))
+    assert len(files) > 1
     result, there = finished(close, tmp_path, runs)
     assert there > 0
     assert result.to_bytes() == close.run(runs, SEED).to_bytes()

@@ -1,6 +1,6 @@
 """Runs on disk: what a study has done survives whatever happens to the process.
 
-A folder belongs to one study with one seed: `study.json` names them. Every session appends to a file of its own, one
+A folder belongs to one study with one seed: `study.json` names them. Every process appends to a file of its own, one
 record for each part that it has finished:
 
 | bytes    | content                                                            |
@@ -16,7 +16,7 @@ record for each part that it has finished:
 
 A record that was being written when the process died, or that has been damaged since, does not fit its checksum: it is
 left out, reading goes on at the next mark, and its runs are run again. As runs are the same whoever runs them, two
-sessions on one folder do each other no harm.
+processes on one folder do each other no harm.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class Shards:
     def _claim(self, mine: dict[str, object]) -> None:
         label = self._folder / LABEL
         if not label.exists():
-            # Drafts of labels may be there, of sessions that begin at the same time or have died.
+            # Drafts of labels may be there, of processes that begin at the same time or have died.
             others = [file.name for file in self._folder.iterdir() if not file.name.startswith(LABEL)]
             if others:
                 msg = f"{self._folder}: is not empty and holds no study ({min(others)}); name another folder"
