@@ -190,3 +190,23 @@ def test_an_interrupt_leaves_the_tracks_as_they_were():
     # Had it not looked, the exception would come at the end and the tracks would have moved.
     assert np.array_equal(batch.means, before)
     assert batch.time == 0.0
+
+
+def test_states_without_positions():
+    kf = tr.KalmanFilter(tr.LinearMotion([[1.0]], [[0.5]]), tr.LinearSensor([[1.0]], [[1.0]]))
+    start = tr.GaussianState([0.0], [[1.0]])
+    values = np.arange(6.0).reshape(3, 2, 1)
+    out = kf.run_batch([1.0, 2.0], values, initial=start)
+    for track in range(3):
+        assert np.array_equal(out.means[track], kf.run([1.0, 2.0], values[track], initial=start).means)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_what_a_model_raises_is_raised(threads):
+    def broken(_states, _dt):
+        raise ValueError("mine")
+
+    motion = tr.CustomMotion(broken, [[1.0]], labels=["x"])
+    ekf = tr.ExtendedKalmanFilter(motion, tr.LinearSensor([[1.0]], [[1.0]]))
+    with pytest.raises(ValueError, match="mine"):
+        ekf.run_batch([1.0], np.zeros((30, 1, 1)), initial=tr.GaussianState([0.0], [[1.0]]), threads=threads)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
-from trackrs.plot._figure import require_matplotlib
+from trackrs.plot._figure import COLOURS, new_figure
+from trackrs.plot._figure import tidy as tidy_axes
 from trackrs.reproduce._records import Picture
 
 if TYPE_CHECKING:
@@ -15,24 +16,19 @@ if TYPE_CHECKING:
 
     from trackrs.study import Band, StudyResult
 
-# Distinguishable without colour vision (Okabe, Ito).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+DPI = 110  # a page holds many
 
 
 def sheet(width: float, height: float) -> Figure:
     """Return an empty figure, inches."""
-    require_matplotlib()
-    from matplotlib.figure import Figure  # noqa: PLC0415 (only drawing needs it)
-
-    return Figure(figsize=(width, height), dpi=110, layout="constrained")
+    figure = new_figure(figsize=(width, height), layout="constrained")
+    figure.set_dpi(DPI)
+    return figure
 
 
 def tidy(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
     """Name the axes; draw a light grid and no box."""
-    ax.grid(color="#E3E3E3", linewidth=0.5)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
+    tidy_axes(ax)
     ax.set_xlabel(x, fontsize=8)
     ax.set_ylabel(y, fontsize=8)
     ax.set_title(title, fontsize=9, loc="left")

@@ -17,8 +17,9 @@ from trackrs.partition import (
     TwoLevelPartition,
 )
 from trackrs.phd import Birth, ExtendedGMPHD
+from trackrs.plot._figure import COLOURS
 from trackrs.report import Scene
-from trackrs.reproduce._drawing import COLOURS, draw_over_time, save, sheet, tidy
+from trackrs.reproduce._drawing import draw_over_time, save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction
 from trackrs.scenarios import Ellipse, ExtendedTargets, LShape, Rectangle, crossing, parallel
 from trackrs.study import Cardinality, Study, StudyResult

@@ -9,8 +9,9 @@ import numpy as np
 from trackrs.filter import UnscentedKalmanFilter
 from trackrs.lead import choose_jerk_psd
 from trackrs.motion import ConstantAcceleration
+from trackrs.plot._figure import COLOURS
 from trackrs.report import Table
-from trackrs.reproduce._drawing import COLOURS, save, sheet, tidy
+from trackrs.reproduce._drawing import save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction, number
 from trackrs.scenarios import Turning, moving_head, turntable
 from trackrs.sensor import PositionSensor

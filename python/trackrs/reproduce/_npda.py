@@ -10,8 +10,9 @@ from trackrs.association import JPDA, NPDA, PDA, GlobalNearestNeighbour, Nearest
 from trackrs.gating import Gate
 from trackrs.metric import Truth
 from trackrs.motion import ConstantVelocity
+from trackrs.plot._figure import COLOURS
 from trackrs.report import Scene
-from trackrs.reproduce._drawing import COLOURS, save, sheet, tidy
+from trackrs.reproduce._drawing import save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction, number
 from trackrs.scenarios import CloseTargets, close_targets
 from trackrs.study import Identity, Study, StudyResult

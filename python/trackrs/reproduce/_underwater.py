@@ -10,7 +10,8 @@ from trackrs._trackrs import chi_square_quantile
 from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
 from trackrs.filter import ExtendedKalmanFilter
 from trackrs.motion import ConstantAcceleration
-from trackrs.reproduce._drawing import COLOURS, draw_over_time, save, sheet, tidy
+from trackrs.plot._figure import COLOURS
+from trackrs.reproduce._drawing import draw_over_time, save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction, number
 from trackrs.scenarios import Underwater, underwater
 from trackrs.sensor import RangeArray

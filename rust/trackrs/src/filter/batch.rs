@@ -279,8 +279,11 @@ impl TrackBatch {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<()> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        let steps = steps(self.filter.motion(), self.time, times);
-        let noise: Vec<f64> = self.filter.sensor().noise().diagonal().iter().copied().collect();
+        let (mut lane_steps, mut noise) = (Vec::new(), Vec::new());
+        if self.in_lanes() {
+            lane_steps = steps(self.filter.motion(), self.time, times);
+            noise.extend(self.filter.sensor().noise().diagonal().iter());
+        }
         for first in (0..self.tracks).step_by(size) {
             if first > 0 && !go_on() {
                 return Err(Error::Interrupted);
@@ -297,7 +300,16 @@ impl TrackBatch {
                 States::Lanes(lanes) => {
                     let threads = self.threads.min(tracks.len() * times.len() / PER_THREAD).max(1);
                     let counts = &mut self.failures[tracks.clone()];
-                    lanes.advance(tracks, &steps, &noise, values, outputs, counts, self.level, threads);
+                    lanes.advance(
+                        tracks,
+                        &lane_steps,
+                        &noise,
+                        values,
+                        outputs,
+                        counts,
+                        self.level,
+                        threads,
+                    );
                 }
                 States::Each(states) => {
                     let each = Each {

@@ -7,7 +7,7 @@ use crate::filter::sequence::{Filter, History, InitialState};
 use crate::gaussian::Gaussian;
 use crate::lanes::block::LANES;
 use crate::lanes::kinematic::Outputs;
-use crate::model::{Motion, Sensor};
+use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
 /// Tracks one after the other.
 pub(super) struct Each<'a> {
@@ -55,6 +55,10 @@ impl Each<'_> {
             });
             (states, values, means, covs, nis) = (rest, more, means_rest, covs_rest, nis_rest);
         }
+        // Models from outside the library report what they raise to the thread that called: they stay on it.
+        if threads <= 1 || self.is_foreign() {
+            return shares.into_iter().try_for_each(|mut share| self.share(&mut share));
+        }
         std::thread::scope(|scope| {
             let workers: Vec<_> = shares
                 .into_iter()
@@ -64,6 +68,11 @@ impl Each<'_> {
                 .into_iter()
                 .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         })
+    }
+
+    fn is_foreign(&self) -> bool {
+        let motion = matches!(self.filter.motion(), MotionModel::Custom(_));
+        motion || matches!(self.filter.sensor(), SensorModel::Custom(_))
     }
 
     fn share(&self, share: &mut Share<'_>) -> Result<()> {
