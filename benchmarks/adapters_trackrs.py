@@ -264,3 +264,20 @@ def _(d):
     tracker.run(d["before"])
     saved, kind = tracker.to_bytes(), type(tracker)
     return lambda: kind.from_bytes(saved).step(d["scan"]), lambda tracks: tracks
+
+
+@peer("W10kf", "trackrs", "trackrs", note="GNN, 3 hits of 5 to confirm, 5 misses to end, built-in models")
+def _(d):
+    tracker = tr.MultiTargetTracker(
+        tr.ConstantVelocity(2, accel_psd=0.05),
+        sensors={"radar": tr.PositionSensor(2, std=5.0)},
+        initiator=tr.MofN(3, 5, max_speed=30.0),
+        detection_probability=0.95,
+        deletion=tr.Deletion(max_misses=5),
+    )
+    found = []
+
+    def step(t, reports):
+        found[:] = [tracker.step(tr.Scan(t + 1.0, reports, sensor="radar"))]
+
+    return step, lambda: found[0].means[:, :2]
