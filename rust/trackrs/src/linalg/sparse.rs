@@ -13,11 +13,21 @@ pub(crate) struct Sparse {
     entries: Vec<(usize, f64)>,
     /// Columns up to the last that had a number so far: those behind it are only looked over.
     width: usize,
+    /// The matrix, and the length of its rows.
+    matrix: Vec<f64>,
+    n: usize,
 }
 
 impl Sparse {
     /// Takes over a matrix of rows of length n.
     pub(crate) fn set(&mut self, n: usize, matrix: &[f64]) {
+        // Most matrices are set again as they were. A NaN differs from itself, and the zeros of both signs are left out.
+        if self.n == n && self.matrix == matrix {
+            return;
+        }
+        self.n = n;
+        self.matrix.clear();
+        self.matrix.extend_from_slice(matrix);
         let rows = matrix.chunks_exact(n.max(1));
         let any = |numbers: &[f64]| numbers.iter().fold(0, |bits, x| bits | x.to_bits() << 1) != 0;
         while self.width < n && rows.clone().any(|row| any(&row[self.width..])) {
