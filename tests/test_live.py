@@ -297,6 +297,15 @@ def test_ignored_sensors_numbers_as_names_and_the_platform():
     assert (run.ledger.rows_in, run.looks, run.scans) == (2, 1, 2)
 
 
+def test_a_tracker_that_has_seen_scans_before():
+    start = tracker()
+    start.step(tr.Scan(-1.0, [[1.0, 2.0], [1.0, 2.0]], "radar"))
+    before = start.to_bytes()
+    run = follow(encoded([GOOD, {**GOOD, "time": 1.0}]), start=start)
+    assert start.to_bytes() == before
+    assert (run.ledger.rows_in, run.ledger.duplicate, run.tracker.ledger.rows_in) == (2, 0, 4)
+
+
 def test_rows_that_wait_are_limited():
     rows = [{**GOOD, "x": float(k)} for k in range(12)]
     run = follow(encoded([*rows, {**GOOD, "time": 1.0}]), limits=live.Limits(waiting_rows=10))

@@ -125,7 +125,7 @@ def _tell(run: LiveRun, record: dict[str, Any], *, err: bool) -> None:
         f"{record['detections']}: {plural(run.scans, 'scan')}, {where} at byte {run.offset}",
         f"  rows     {run.rows_in} in: {ledger.used} used, {sum(ledger.rejected.values())} rejected"
         + (f" ({counted(ledger.rejected)})" if ledger.rejected else "")
-        + f", {ledger.late} late, {ledger.duplicate} duplicate, {bad} bad lines"
+        + f", {ledger.late} late, {ledger.duplicate} duplicate, {plural(bad, 'bad line')}"
         + (f" ({counted(run.bad_lines)})" if bad else "")
         + (f", {run.waiting} waiting" if run.waiting else ""),
         *([f"  left out {counted(run.ignored)}, as [input] ignore_sensors says"] if run.ignored else []),

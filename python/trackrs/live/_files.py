@@ -99,7 +99,10 @@ class Source:
                 os.lseek(self._fd, max(offset - TAIL, 0), os.SEEK_SET)
                 self.position = max(offset - TAIL, 0)
         while self.position < offset:
-            data = os.read(self._fd, min(CHUNK, offset - self.position))
+            try:
+                data = os.read(self._fd, min(CHUNK, offset - self.position))
+            except OSError as error:
+                raise StreamError(f"{self.name}: cannot be read: {error.strerror}") from None
             if not data:
                 raise StreamError(
                     f"{self.name}: ends at byte {self.position}, but the checkpoint stands at byte {offset}; "

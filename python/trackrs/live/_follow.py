@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from contextlib import ExitStack
 from dataclasses import asdict
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +17,11 @@ from trackrs.live._checkpoint import Checkpoint
 from trackrs.live._files import PATIENCE, Output, Source
 from trackrs.live._lines import Lines, checksum
 from trackrs.live._records import Limits, LiveRun
+from trackrs.live._refusals import refusals
 from trackrs.live._rows import Refused, RowReader
 from trackrs.live._scans import Assembler
 from trackrs.live._tracks import track_lines
-from trackrs.phd import IntensityTracker
-from trackrs.types import Scan
+from trackrs.types import Ledger, Scan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,14 +29,9 @@ if TYPE_CHECKING:
     from trackrs.live._lines import Record
     from trackrs.live._records import Tracker
     from trackrs.live._scans import OpenScan
-    from trackrs.types import Ledger, Tracks
+    from trackrs.types import Tracks
 
 ENOUGH = 1 << 20  # bytes of output that wait to be written
-REASONS = {
-    "late_scan": "it is older than what the tracker has seen",
-    "duplicate": "it was received before",
-    "not_observed": "nothing was observed, or not all that this tracker needs",
-}
 
 
 def _never() -> bool:
@@ -159,7 +153,7 @@ class _Run:
         self.out: Output | None = None
         self.dead: Output | None = None
         self.begun = b""
-        self.rows_before = tracker.ledger.rows_in
+        self.begin = tracker.ledger
         self.lines = self.looks = self.stepped = self.track_rows = 0
         self.bad: Counter[str] = Counter()
         self.ignored: Counter[str] = Counter()
@@ -256,25 +250,12 @@ class _Run:
     # --- what goes out ---
 
     def tell(self, scan: OpenScan, before: Ledger, after: Ledger) -> None:
-        """Write the rows of a scan that the tracker dropped.
-
-        The ledger has only their number. Which they are follows from the rows; where it does not, that is written.
-        """
+        """Write the rows of a scan that the tracker dropped."""
         if self.dead is None:
             return
-        dropped = Counter(after.rejected) - Counter(before.rejected)
-        dropped += Counter(late_scan=after.late - before.late, duplicate=after.duplicate - before.duplicate)
-        codes: list[str | None] = [*dropped] * len(scan.values)
-        if dropped.total() != len(scan.values) or len(dropped) != 1:
-            codes = _faults(scan.values, whole=isinstance(self.tracker, IntensityTracker))
-        if Counter(code for code in codes if code) != dropped:
-            reason = f"of the scan that begins here, the tracker refused {_counted(dropped)}"
-            self.letter(*scan.places[0], "refused", reason, f"{scan.sensor} at {scan.time} s")
-            return
-        for place, row, code in zip(scan.places, scan.values, codes, strict=True):
-            if code:
-                text = self.reader.shown(scan.time, scan.sensor, row)
-                self.letter(*place, code, REASONS.get(code, f"the tracker refused it: {code}"), text)
+        for place, row, code, reason in refusals(scan, before, after, self.tracker):
+            text = f"{scan.sensor} at {scan.time} s" if row is None else self.reader.shown(scan.time, scan.sensor, row)
+            self.letter(*place, code, reason, text)
 
     def letter(self, line: int, offset: int, code: str, reason: str, text: str) -> None:
         """Write a line to the dead letters."""
@@ -352,10 +333,21 @@ class _Run:
         """Detections, and lines that cannot be read."""
         return self.lines - self.looks - sum(self.ignored.values())
 
+    def booked(self) -> Ledger:
+        """Where the rows went that the tracker got in this run; it may have seen others before."""
+        now, begin = self.tracker.ledger, self.begin
+        return Ledger(
+            rows_in=now.rows_in - begin.rows_in,
+            used=now.used - begin.used,
+            late=now.late - begin.late,
+            duplicate=now.duplicate - begin.duplicate,
+            rejected=dict(Counter(now.rejected) - Counter(begin.rejected)),
+        )
+
     def check(self) -> None:
         """The conservation law: no row is lost and none is counted twice."""
-        ledger = self.tracker.ledger
-        booked = ledger.used + ledger.late + ledger.duplicate + sum(ledger.rejected.values()) - self.rows_before
+        ledger = self.booked()
+        booked = ledger.used + ledger.late + ledger.duplicate + sum(ledger.rejected.values())
         out = booked + sum(self.bad.values()) + self.scans.waiting
         if out != self.rows_in():
             raise InternalError(f"{self.rows_in()} rows came in and {out} were accounted for")
@@ -367,7 +359,7 @@ class _Run:
             ended=ended,
             offset=self.cut.offset if self.cut is not None else 0,
             rows_in=self.rows_in(),
-            ledger=self.tracker.ledger,
+            ledger=self.booked(),
             bad_lines=dict(self.bad),
             waiting=self.scans.waiting,
             looks=self.looks,
@@ -375,21 +367,3 @@ class _Run:
             scans=self.stepped,
             track_rows=self.track_rows,
         )
-
-
-def _faults(rows: Sequence[Sequence[float]], *, whole: bool) -> list[str | None]:
-    """What a tracker finds wrong with rows of one scan: not observed (`whole`: not wholly observed), or repeated."""
-    seen: set[tuple[str, ...]] = set()
-    out: list[str | None] = []
-    for row in rows:
-        missing = [isnan(value) for value in row]
-        # -0.0 equals 0.0 but is another report; NaN equals nothing but is no difference.
-        key = tuple(repr(value) for value in row)
-        fault = "not_observed" if all(missing) or (whole and any(missing)) else "duplicate" if key in seen else None
-        seen.add(key)
-        out.append(fault)
-    return out
-
-
-def _counted(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in counts.items())

@@ -35,14 +35,14 @@ class LiveRun:
     """What a live run has done since its very beginning, all its restarts included.
 
     `rows_in == used + sum(rejected) + late + duplicate + sum(bad_lines) + waiting`, always; all but the last two stand
-    in the `ledger`, which is the tracker's.
+    in the `ledger`.
 
     Attributes:
         tracker: the tracker after the last scan.
         ended: whether the input ended; else the run was stopped.
         offset: bytes of the input that are done with.
         rows_in: detections, and lines that cannot be read.
-        ledger: where the rows of the scans went.
+        ledger: where the rows went that the tracker got.
         bad_lines: lines that became no row, by reason.
         waiting: rows in unfinished scans; they are in the checkpoint.
         looks: lines that only say that a sensor looked.
