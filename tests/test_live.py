@@ -297,6 +297,16 @@ def test_ignored_sensors_numbers_as_names_and_the_platform():
     assert (run.ledger.rows_in, run.looks, run.scans) == (2, 1, 2)
 
 
+def test_a_strict_tracker_ends_the_run():
+    rows = live_scene.rows(20)
+    follow(encoded(rows), out="whole.ndjson", dead_letters=None)
+    with pytest.raises(tr.StrictError, match="late_scan at 3 s"):
+        follow(encoded([*rows, {**rows[0], "time": 3.0}]), start=tracker(strict=True))
+    text = Path("out.ndjson").read_text()
+    assert text
+    assert Path("whole.ndjson").read_text().startswith(text)
+
+
 def test_a_tracker_that_has_seen_scans_before():
     start = tracker()
     start.step(tr.Scan(-1.0, [[1.0, 2.0], [1.0, 2.0]], "radar"))

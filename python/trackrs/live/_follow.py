@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trackrs.config import InputConfig
-from trackrs.errors import InternalError, ParameterError, StateError
+from trackrs.errors import InternalError, ParameterError, StateError, StrictError
 from trackrs.live._arrow import Messages, is_arrow
 from trackrs.live._checkpoint import Checkpoint
 from trackrs.live._files import PATIENCE, Output, Source
@@ -231,7 +231,11 @@ class _Run:
     def step(self, scans: Iterable[OpenScan]) -> None:
         """Give complete scans to the tracker and write what it says."""
         for scan in scans:
-            found = self.tracker.step(Scan(scan.time, scan.values, scan.sensor, scan.platform))
+            try:
+                found = self.tracker.step(Scan(scan.time, scan.values, scan.sensor, scan.platform))
+            except StrictError:
+                self.flush()  # what came before is as good as ever
+                raise
             self.stepped += 1
             ledger, before = self.tracker.ledger, self.ledger
             if ledger.rows_in - ledger.used != before.rows_in - before.used:
