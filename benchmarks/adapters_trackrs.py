@@ -268,10 +268,9 @@ def _(d):
 
 @peer("W10kf", "trackrs", "trackrs", note="GNN, 3 hits in a row to confirm, 5 misses to end, as the hand-written one")
 def _(d):
-    order, side = blocks(2, 2), np.ix_(blocks(2, 2), blocks(2, 2))
     tracker = tr.MultiTargetTracker(
-        tr.LinearMotion(d["F"][side], d["Q"][side]),
-        sensors={"radar": tr.LinearSensor(d["H"][:, order], d["R"])},
+        tr.ConstantVelocity(2, accel_psd=d["Q"][1, 1]),
+        sensors={"radar": tr.PositionSensor(2, std=np.sqrt(d["R"][0, 0]))},
         initiator=tr.MofN(3, 3, max_speed=30.0),
         detection_probability=0.95,
         deletion=tr.Deletion(max_misses=5),

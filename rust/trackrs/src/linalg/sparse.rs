@@ -2,6 +2,7 @@
 //!
 //! Sums go row by row and from the first column to the last, as those of [`super::kernel`] do.
 
+use super::fixed::add_scaled;
 use super::kernel::{accumulate, combine};
 
 /// The numbers of a matrix that are not zero, row by row, for one that is used again and again.
@@ -152,6 +153,29 @@ impl UnitUpper {
             for j in 0..=i {
                 let sum = out[i * n + j] + c[i * n + j];
                 (out[i * n + j], out[j * n + i]) = (sum, sum);
+            }
+        }
+    }
+
+    /// B becomes A B Aᵀ + C, as in [`Self::congruence`].
+    #[inline(always)]
+    pub(crate) fn congruence_in_place<const N: usize>(&self, b: &mut [[f64; N]; N], c: &[[f64; N]; N]) {
+        for &(i, k, factor) in &self.above {
+            let from = b[k];
+            add_scaled(&mut b[i], factor, &from);
+        }
+        for &(j, k, factor) in &self.above {
+            assert!(j < N && k < N, "a place in the matrix");
+            for row in b.iter_mut() {
+                row[j] += factor * row[k];
+            }
+        }
+        for i in 0..N {
+            for j in 0..N {
+                if j <= i {
+                    let sum = b[i][j] + c[i][j];
+                    (b[i][j], b[j][i]) = (sum, sum);
+                }
             }
         }
     }
