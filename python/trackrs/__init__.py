@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         start_state,
     )
     from trackrs.fusion import covariance_intersection
-    from trackrs.gating import Gate
+    from trackrs.gating import Gate, GatedPairs, squared_distances
     from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
     from trackrs.metric import (
         GOSPA,
@@ -150,6 +150,7 @@ __all__ = [
     "FilterRun",
     "Fix",
     "Gate",
+    "GatedPairs",
     "GaussianState",
     "GlobalNearestNeighbour",
     "GospaDistance",

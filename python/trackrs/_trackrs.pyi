@@ -36,6 +36,8 @@ __all__ = [
     "ecef_to_geodetic",
     "evaluate",
     "fit_similarity",
+    "gate_distances",
+    "gate_pairs",
     "geodetic_to_ecef",
     "gospa",
     "k_best",
@@ -361,6 +363,8 @@ def k_best(costs: _Array, k: int, miss_costs: _Array | None = None) -> list[tupl
 def marginals(
     weights: _Array, log: bool, budget: int, prune: bool
 ) -> tuple[_Array, Literal["exact", "m_best", "belief"], float | None, float]: ...
+def gate_distances(means: _Array, covs: _Array, reports: _Array, out: _Array) -> None: ...
+def gate_pairs(means: _Array, covs: _Array, reports: _Array, threshold: float) -> dict[str, Any]: ...
 def chi_square_quantile(probability: float, dof: int) -> float: ...
 def ospa(x: _Array, y: _Array, cutoff: float, order: float) -> dict[str, float]: ...
 def gospa(

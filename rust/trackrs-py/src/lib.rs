@@ -10,6 +10,7 @@ mod custom;
 mod error;
 mod filter;
 mod fusion;
+mod gating;
 mod geodesy;
 mod metric;
 mod model;
@@ -37,6 +38,8 @@ mod _trackrs {
     use crate::filter::Filter;
     #[pymodule_export]
     use crate::fusion::{covariance_intersection, paper_start, start_state};
+    #[pymodule_export]
+    use crate::gating::{gate_distances, gate_pairs};
     #[pymodule_export]
     use crate::geodesy::{
         LocalFrame, apply_similarity, ecef_to_geodetic, fit_similarity, geodetic_to_ecef, place_array,

@@ -28,7 +28,7 @@ fn points(values: &PyReadonlyArray2<'_, f64>, noise: &Noise<'_>) -> PyResult<Poi
     made.map_err(|error| to_python(values.py(), &error))
 }
 
-fn integers<'py>(py: Python<'py>, values: &[usize]) -> Bound<'py, PyArray1<i64>> {
+pub(crate) fn integers<'py>(py: Python<'py>, values: &[usize]) -> Bound<'py, PyArray1<i64>> {
     PyArray1::from_iter(py, values.iter().map(|&value| i64::try_from(value).unwrap_or(i64::MAX)))
 }
 

@@ -1,4 +1,5 @@
 //! Which pairs of track and report are worth considering.
 
+pub mod distances;
 pub mod mahalanobis;
 pub(crate) mod sweep;
