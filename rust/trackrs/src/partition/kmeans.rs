@@ -12,7 +12,8 @@
 //!
 //! The run of K draws from stream (seed, K), so that it does not depend on the range.
 //!
-//! Reference: Arthur, Vassilvitskii 2007; Lloyd 1982; spec 6.2.
+//! Reference: Arthur, Vassilvitskii 2007; Lloyd 1982; G. Hamerly, *Making k-means even faster*, SDM 2010, for the bounds;
+//! spec 6.2.
 
 use super::points::{Partition, Points, squared};
 use super::{Partitioner, all_labelled, require_few};
@@ -21,6 +22,10 @@ use crate::stats::stream::Stream;
 use serde::{Deserialize, Serialize};
 
 const MAX_ITERATIONS: usize = 100;
+/// Widens a bound by more than what rounding can do to it in one step.
+const ROUNDING: f64 = 1e-12;
+/// Points that are labelled at once.
+const LANES: usize = 8;
 
 /// K-means for every K of a range, one partition each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,10 +65,10 @@ impl Partitioner for KMeansPartition {
             "too many labels: narrow the range of k",
         )?;
         let run = |k| {
-            let labels = cluster(points, k, &mut Stream::new(self.seed, k as u64));
-            Partition::from_labels(&labels, points.len())
+            let labels = cluster(points, k, &mut Stream::new(self.seed, k as u64))?;
+            Ok(Partition::from_labels(&labels, points.len()))
         };
-        Ok((lower..=upper).map(run).collect())
+        (lower..=upper).map(run).collect()
     }
 
     fn labels(&self, points: &Points) -> Result<Vec<Option<usize>>> {
@@ -82,33 +87,151 @@ impl Partitioner for KMeansPartition {
 }
 
 /// The label of every point, below `k`.
-pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Vec<usize> {
+pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Result<Vec<usize>> {
+    let arch = super::instructions()?;
+    let dims = points.dims();
     let mut centres = seeds(points, k.min(points.len()), stream);
     let mut labels = vec![usize::MAX; points.len()];
-    for _ in 0..MAX_ITERATIONS {
-        let mut changed = false;
-        for (row, label) in points.values().chunks_exact(points.dims()).zip(&mut labels) {
-            let closest = closest(row, &centres);
-            changed |= closest != *label;
-            *label = closest;
+    let mut bounds = Bounds {
+        own: vec![f64::INFINITY; points.len()],
+        others: vec![0.0; points.len()],
+    };
+    let axes: Vec<f64> = (0..dims)
+        .flat_map(|axis| points.values().iter().skip(axis).step_by(dims).copied())
+        .collect();
+    for round in 0..MAX_ITERATIONS {
+        if round > 0 {
+            let before = centres.clone();
+            means(points, &mut labels, &mut centres);
+            bounds.widen(&labels, &moves(&before, &centres, dims));
         }
-        if !changed {
+        if !arch.dispatch(|| relabel(&axes, &centres, dims, &mut labels, &mut bounds)) {
             break;
         }
-        means(points, &mut labels, &mut centres);
     }
-    labels
+    Ok(labels)
 }
 
-fn closest(row: &[f64], centres: &[f64]) -> usize {
-    let (mut best, mut label) = (f64::INFINITY, 0);
-    for (k, centre) in centres.chunks_exact(row.len()).enumerate() {
-        let d2 = squared(row, centre);
-        if d2 < best {
-            (best, label) = (d2, k);
+/// Bounds of the distances of every point: not farther from its own centre, not nearer to any other one. A point whose
+/// bounds do not overlap keeps its label; all roundings widen the bounds.
+struct Bounds {
+    own: Vec<f64>,
+    others: Vec<f64>,
+}
+
+impl Bounds {
+    /// After the centres have moved; no moves: nothing is known any more.
+    fn widen(&mut self, labels: &[usize], moves: &[f64]) {
+        let Some(largest) = moves.iter().copied().reduce(f64::max) else {
+            self.others.fill(0.0);
+            return;
+        };
+        let largest = largest * (1.0 + ROUNDING);
+        for ((own, others), &label) in self.own.iter_mut().zip(&mut self.others).zip(labels) {
+            *own = (*own + moves[label]) * (1.0 + ROUNDING);
+            *others = *others * (1.0 - ROUNDING) - largest;
         }
     }
-    label
+}
+
+/// How far the centres have moved; nothing if some have vanished, so that the others have new labels.
+fn moves(before: &[f64], after: &[f64], dims: usize) -> Vec<f64> {
+    if before.len() != after.len() {
+        return Vec::new();
+    }
+    let pairs = before.chunks_exact(dims).zip(after.chunks_exact(dims));
+    pairs.map(|(a, b)| squared(a, b).sqrt()).collect()
+}
+
+/// Gives every point the label of its closest centre, and says whether any has changed. `axes` has the coordinates axis
+/// by axis, so that the same entry of several points stands in one register.
+#[inline(always)]
+fn relabel(axes: &[f64], centres: &[f64], dims: usize, labels: &mut [usize], bounds: &mut Bounds) -> bool {
+    let n = labels.len();
+    let mut changed = false;
+    let bounds = bounds.own.chunks_mut(LANES).zip(bounds.others.chunks_mut(LANES));
+    for (block, (labels, (own, others))) in labels.chunks_mut(LANES).zip(bounds).enumerate() {
+        let settled = own
+            .iter()
+            .zip(&*others)
+            .fold(true, |all, (own, others)| all & (own < others));
+        if settled {
+            continue;
+        }
+        let here = block * LANES..block * LANES + labels.len();
+        let mut closest = Closest {
+            squares: [f64::INFINITY; LANES],
+            seconds: [f64::INFINITY; LANES],
+            labels: [0.0; LANES],
+        };
+        if dims == 2 {
+            let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+            x[..here.len()].copy_from_slice(&axes[here.clone()]);
+            y[..here.len()].copy_from_slice(&axes[n..][here]);
+            for (k, centre) in centres.chunks_exact(2).enumerate() {
+                let mut squares = [0.0; LANES];
+                for ((square, x), y) in squares.iter_mut().zip(&x).zip(&y) {
+                    let (u, v) = (x - centre[0], y - centre[1]);
+                    *square = u * u + v * v;
+                }
+                closest.offer(&squares, k as f64);
+            }
+        } else {
+            for (k, centre) in centres.chunks_exact(dims).enumerate() {
+                let mut squares = [0.0; LANES];
+                for (values, centre) in axes.chunks_exact(n).zip(centre) {
+                    for (square, x) in squares.iter_mut().zip(&values[here.clone()]) {
+                        *square += (x - centre) * (x - centre);
+                    }
+                }
+                closest.offer(&squares, k as f64);
+            }
+        }
+        for (own, square) in own.iter_mut().zip(closest.squares) {
+            *own = square.sqrt() * (1.0 + ROUNDING);
+        }
+        for (others, square) in others.iter_mut().zip(closest.seconds) {
+            *others = square.sqrt() * (1.0 - ROUNDING);
+        }
+        for (label, found) in labels.iter_mut().zip(closest.labels) {
+            let found = index_of(found);
+            changed |= found != *label;
+            *label = found;
+        }
+    }
+    changed
+}
+
+/// A label that stood among the distances as a number.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "it was made from a small index"
+)]
+#[inline(always)]
+fn index_of(label: f64) -> usize {
+    label as usize
+}
+
+/// Of each of some points the least squared distance, the second one, and the label of the first.
+struct Closest {
+    squares: [f64; LANES],
+    seconds: [f64; LANES],
+    labels: [f64; LANES],
+}
+
+impl Closest {
+    #[inline(always)]
+    fn offer(&mut self, squares: &[f64; LANES], label: f64) {
+        let best = self.squares.iter_mut().zip(&mut self.seconds).zip(&mut self.labels);
+        for (((best, second), name), &square) in best.zip(squares) {
+            let nearer = square < *best;
+            let larger = if nearer { *best } else { square };
+            *second = if larger < *second { larger } else { *second };
+            *name = if nearer { label } else { *name };
+            *best = if nearer { square } else { *best };
+        }
+    }
 }
 
 /// The means of the clusters; empty ones are taken out, of the labels too.
@@ -116,10 +239,18 @@ fn means(points: &Points, labels: &mut [usize], centres: &mut Vec<f64>) {
     let dims = points.dims();
     let mut counts = vec![0_usize; centres.len() / dims];
     centres.fill(0.0);
-    for (row, &label) in points.values().chunks_exact(dims).zip(labels.iter()) {
-        counts[label] += 1;
-        for (sum, x) in centres[label * dims..].iter_mut().zip(row) {
-            *sum += x;
+    if let (2, (sums, [])) = (dims, centres.as_chunks_mut::<2>()) {
+        for (row, &label) in points.values().as_chunks::<2>().0.iter().zip(labels.iter()) {
+            counts[label] = counts[label].wrapping_add(1);
+            let sum = &mut sums[label];
+            *sum = [sum[0] + row[0], sum[1] + row[1]];
+        }
+    } else {
+        for (row, &label) in points.values().chunks_exact(dims).zip(labels.iter()) {
+            counts[label] += 1;
+            for (sum, x) in centres[label * dims..].iter_mut().zip(row) {
+                *sum += x;
+            }
         }
     }
     let mut names = vec![0; counts.len()];
@@ -133,9 +264,11 @@ fn means(points: &Points, labels: &mut [usize], centres: &mut Vec<f64>) {
             kept += 1;
         }
     }
-    centres.truncate(kept * dims);
-    for label in labels {
-        *label = names[*label];
+    if kept < counts.len() {
+        centres.truncate(kept * dims);
+        for label in labels {
+            *label = names[*label];
+        }
     }
 }
 
