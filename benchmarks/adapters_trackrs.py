@@ -267,7 +267,7 @@ def _(d):
 
 
 @peer("W10kf", "trackrs", "trackrs", note="GNN, 3 hits of 5 to confirm, 5 misses to end, built-in models")
-def _(d):
+def _(_d):
     tracker = tr.MultiTargetTracker(
         tr.ConstantVelocity(2, accel_psd=0.05),
         sensors={"radar": tr.PositionSensor(2, std=5.0)},

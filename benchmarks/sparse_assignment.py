@@ -1,8 +1,8 @@
 """Workload of the peers' benchmark that it does not have: assignment where few pairs are allowed, W9sparse.
 
-n rows and columns, five random columns per row besides the diagonal, so that every row finds a column. The dense solvers
-get the full matrix with a large cost for the pairs that are not allowed. `run.py` puts this file among the peers' and
-runs it as one of them.
+n rows and columns, five columns per row: the diagonal, so that every row finds one, and four at random. The dense
+solvers get the full matrix with a large cost for the pairs that are not allowed. `run.py` puts this file among the
+peers' and runs it as one of them.
 """
 
 from __future__ import annotations
@@ -83,9 +83,7 @@ def main() -> None:
     try_import_trackrs()
     if wanted(arguments, "W9sparse"):
         sizes = arguments.sizes or ["5000"]
-        run_workload(
-            "W9sparse", sizes, inputs, check, "ms", lambda _d: (1, 1e3), arguments.budget, only=arguments.only
-        )
+        run_workload("W9sparse", sizes, inputs, check, "ms", lambda _d: (1, 1e3), arguments.budget, only=arguments.only)
 
 
 if __name__ == "__main__":

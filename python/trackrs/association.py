@@ -158,8 +158,8 @@ def assign(costs: ArrayLike) -> Assignment:
 def assign_sparse(rows: ArrayLike, columns: ArrayLike, costs: ArrayLike, *, shape: tuple[int, int]) -> Assignment:
     """Assign rows to columns at minimum cost where few pairs are allowed, given as a list.
 
-    The same answer as that of `assign` for the full matrix with `inf` for all other pairs, but time and memory are those
-    of the list.
+    The same answer as that of `assign` for the full matrix with `inf` for all other pairs, in the time and memory of
+    the list.
 
     Args:
         rows: (n,) row of each allowed pair.

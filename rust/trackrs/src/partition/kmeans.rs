@@ -10,6 +10,9 @@
 //! 2. Lloyd: every point to its nearest centre, ties the lower label; centres to the means; until labels repeat, at most
 //!    100 times. Empty clusters vanish.
 //!
+//! A point is not looked at again until the centres have moved far enough to change its label: twice the largest moves,
+//! summed, must reach what its second nearest centre was farther away than its own at the last look.
+//!
 //! The run of K draws from stream (seed, K), so that it does not depend on the range.
 //!
 //! Reference: Arthur, Vassilvitskii 2007; Lloyd 1982; G. Hamerly, *Making k-means even faster*, SDM 2010, for the bounds;
@@ -22,7 +25,7 @@ use crate::stats::stream::Stream;
 use serde::{Deserialize, Serialize};
 
 const MAX_ITERATIONS: usize = 100;
-/// Widens a bound by more than what rounding can do to it in one step.
+/// More than what the roundings of one step can do to a bound, relative.
 const ROUNDING: f64 = 1e-12;
 /// Points that are labelled at once.
 const LANES: usize = 8;
@@ -90,116 +93,172 @@ impl Partitioner for KMeansPartition {
 pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Result<Vec<usize>> {
     let arch = super::instructions()?;
     let dims = points.dims();
-    let mut centres = seeds(points, k.min(points.len()), stream);
-    let mut labels = vec![usize::MAX; points.len()];
-    let mut bounds = Bounds {
-        own: vec![f64::INFINITY; points.len()],
-        others: vec![0.0; points.len()],
+    let centres = seeds(points, k.min(points.len()), stream);
+    let mut lloyd = Lloyd {
+        points,
+        axes: (0..dims)
+            .flat_map(|axis| points.values().iter().skip(axis).step_by(dims).copied())
+            .collect(),
+        labels: vec![usize::MAX; points.len()],
+        sums: vec![0.0; centres.len()],
+        counts: vec![0; centres.len() / dims],
+        centres,
+        limits: vec![0.0; points.len().div_ceil(LANES)],
+        drift: 0.0,
     };
-    let axes: Vec<f64> = (0..dims)
-        .flat_map(|axis| points.values().iter().skip(axis).step_by(dims).copied())
-        .collect();
-    for round in 0..MAX_ITERATIONS {
-        if round > 0 {
-            let before = centres.clone();
-            means(points, &mut labels, &mut centres);
-            bounds.widen(&labels, &moves(&before, &centres, dims));
-        }
-        if !arch.dispatch(|| relabel(&axes, &centres, dims, &mut labels, &mut bounds)) {
+    for _ in 0..MAX_ITERATIONS {
+        if !arch.dispatch(|| lloyd.relabel()) {
+            // Sums that are kept up to date gather roundings; the last centres are means of sums taken afresh.
+            lloyd.sum();
+            if lloyd.centre() {
+                continue;
+            }
             break;
         }
+        lloyd.centre();
     }
-    Ok(labels)
+    Ok(lloyd.labels)
 }
 
-/// Bounds of the distances of every point: not farther from its own centre, not nearer to any other one. A point whose
-/// bounds do not overlap keeps its label; all roundings widen the bounds.
-struct Bounds {
-    own: Vec<f64>,
-    others: Vec<f64>,
+/// The state of the iteration. Points are looked at in blocks of `LANES`.
+struct Lloyd<'a> {
+    points: &'a Points,
+    /// Coordinates axis by axis, so that the same entry of several points stands in one register.
+    axes: Vec<f64>,
+    labels: Vec<usize>,
+    centres: Vec<f64>,
+    /// Sums and numbers of the points of each centre.
+    sums: Vec<f64>,
+    counts: Vec<usize>,
+    /// Of every block the drift up to which all its points keep their labels.
+    limits: Vec<f64>,
+    /// Twice the sum of the largest moves so far: by so much the distance to a point's own centre and that to the second
+    /// nearest have come closer to each other, at most. Roundings only make it larger.
+    drift: f64,
 }
 
-impl Bounds {
-    /// After the centres have moved; no moves: nothing is known any more.
-    fn widen(&mut self, labels: &[usize], moves: &[f64]) {
-        let Some(largest) = moves.iter().copied().reduce(f64::max) else {
-            self.others.fill(0.0);
-            return;
-        };
-        let largest = largest * (1.0 + ROUNDING);
-        for ((own, others), &label) in self.own.iter_mut().zip(&mut self.others).zip(labels) {
-            *own = (*own + moves[label]) * (1.0 + ROUNDING);
-            *others = *others * (1.0 - ROUNDING) - largest;
-        }
-    }
-}
-
-/// How far the centres have moved; nothing if some have vanished, so that the others have new labels.
-fn moves(before: &[f64], after: &[f64], dims: usize) -> Vec<f64> {
-    if before.len() != after.len() {
-        return Vec::new();
-    }
-    let pairs = before.chunks_exact(dims).zip(after.chunks_exact(dims));
-    pairs.map(|(a, b)| squared(a, b).sqrt()).collect()
-}
-
-/// Gives every point the label of its closest centre, and says whether any has changed. `axes` has the coordinates axis
-/// by axis, so that the same entry of several points stands in one register.
-#[inline(always)]
-fn relabel(axes: &[f64], centres: &[f64], dims: usize, labels: &mut [usize], bounds: &mut Bounds) -> bool {
-    let n = labels.len();
-    let mut changed = false;
-    let bounds = bounds.own.chunks_mut(LANES).zip(bounds.others.chunks_mut(LANES));
-    for (block, (labels, (own, others))) in labels.chunks_mut(LANES).zip(bounds).enumerate() {
-        let settled = own
-            .iter()
-            .zip(&*others)
-            .fold(true, |all, (own, others)| all & (own < others));
-        if settled {
-            continue;
-        }
-        let here = block * LANES..block * LANES + labels.len();
-        let mut closest = Closest {
-            squares: [f64::INFINITY; LANES],
-            seconds: [f64::INFINITY; LANES],
-            labels: [0.0; LANES],
-        };
-        if dims == 2 {
-            let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
-            x[..here.len()].copy_from_slice(&axes[here.clone()]);
-            y[..here.len()].copy_from_slice(&axes[n..][here]);
-            for (k, centre) in centres.chunks_exact(2).enumerate() {
-                let mut squares = [0.0; LANES];
-                for ((square, x), y) in squares.iter_mut().zip(&x).zip(&y) {
-                    let (u, v) = (x - centre[0], y - centre[1]);
-                    *square = u * u + v * v;
-                }
-                closest.offer(&squares, k as f64);
+impl Lloyd<'_> {
+    /// Gives every point the label of its closest centre, and says whether any has changed.
+    #[inline(always)]
+    fn relabel(&mut self) -> bool {
+        let (n, dims) = (self.labels.len(), self.points.dims());
+        let mut changed = false;
+        for block in 0..self.limits.len() {
+            if self.drift < self.limits[block] {
+                continue;
             }
-        } else {
-            for (k, centre) in centres.chunks_exact(dims).enumerate() {
-                let mut squares = [0.0; LANES];
-                for (values, centre) in axes.chunks_exact(n).zip(centre) {
-                    for (square, x) in squares.iter_mut().zip(&values[here.clone()]) {
-                        *square += (x - centre) * (x - centre);
+            let here = block * LANES..n.min(block * LANES + LANES);
+            let mut closest = Closest {
+                squares: [f64::INFINITY; LANES],
+                seconds: [f64::INFINITY; LANES],
+                labels: [0.0; LANES],
+            };
+            if dims == 2 {
+                let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+                x[..here.len()].copy_from_slice(&self.axes[here.clone()]);
+                y[..here.len()].copy_from_slice(&self.axes[n..][here.clone()]);
+                for (k, centre) in self.centres.chunks_exact(2).enumerate() {
+                    let mut squares = [0.0; LANES];
+                    for ((square, x), y) in squares.iter_mut().zip(&x).zip(&y) {
+                        let (u, v) = (x - centre[0], y - centre[1]);
+                        *square = u * u + v * v;
                     }
+                    closest.offer(&squares, k as f64);
                 }
-                closest.offer(&squares, k as f64);
+            } else {
+                for (k, centre) in self.centres.chunks_exact(dims).enumerate() {
+                    let mut squares = [0.0; LANES];
+                    for (values, centre) in self.axes.chunks_exact(n).zip(centre) {
+                        for (square, x) in squares.iter_mut().zip(&values[here.clone()]) {
+                            *square += (x - centre) * (x - centre);
+                        }
+                    }
+                    closest.offer(&squares, k as f64);
+                }
+            }
+            let mut gap = f64::INFINITY;
+            for (lane, i) in here.enumerate() {
+                let (own, other) = (closest.squares[lane].sqrt(), closest.seconds[lane].sqrt());
+                gap = gap.min(other * (1.0 - ROUNDING) - own);
+                let (old, new) = (self.labels[i], index_of(closest.labels[lane]));
+                if old != new {
+                    changed = true;
+                    self.pass_on(i, old, new);
+                }
+            }
+            self.limits[block] = (self.drift + gap) * (1.0 - ROUNDING);
+        }
+        changed
+    }
+
+    /// Point `i` goes from one centre to another.
+    fn pass_on(&mut self, i: usize, old: usize, new: usize) {
+        let (dims, row) = (self.points.dims(), self.points.point(i));
+        if let Some(count) = self.counts.get_mut(old) {
+            *count -= 1;
+            for (sum, x) in self.sums[old * dims..].iter_mut().zip(row) {
+                *sum -= x;
             }
         }
-        for (own, square) in own.iter_mut().zip(closest.squares) {
-            *own = square.sqrt() * (1.0 + ROUNDING);
+        self.counts[new] += 1;
+        for (sum, x) in self.sums[new * dims..].iter_mut().zip(row) {
+            *sum += x;
         }
-        for (others, square) in others.iter_mut().zip(closest.seconds) {
-            *others = square.sqrt() * (1.0 - ROUNDING);
-        }
-        for (label, found) in labels.iter_mut().zip(closest.labels) {
-            let found = index_of(found);
-            changed |= found != *label;
-            *label = found;
+        self.labels[i] = new;
+    }
+
+    /// The sums, afresh.
+    fn sum(&mut self) {
+        let dims = self.points.dims();
+        self.sums.fill(0.0);
+        for (row, &label) in self.points.values().chunks_exact(dims).zip(&self.labels) {
+            for (sum, x) in self.sums[label * dims..].iter_mut().zip(row) {
+                *sum += x;
+            }
         }
     }
-    changed
+
+    /// Moves the centres to the means, and says whether any has moved. Empty ones are taken out, of the labels too.
+    fn centre(&mut self) -> bool {
+        if self.counts.contains(&0) {
+            self.drop_empty();
+        }
+        let dims = self.points.dims();
+        let mut largest = 0.0_f64;
+        let means = self.sums.chunks_exact(dims).zip(&self.counts);
+        for (centre, (sum, &count)) in self.centres.chunks_exact_mut(dims).zip(means) {
+            let mut square = 0.0;
+            for (x, sum) in centre.iter_mut().zip(sum) {
+                let mean = sum / count as f64;
+                square += (mean - *x) * (mean - *x);
+                *x = mean;
+            }
+            largest = largest.max(square);
+        }
+        self.drift = (self.drift + 2.0 * largest.sqrt()) * (1.0 + ROUNDING);
+        largest > 0.0
+    }
+
+    fn drop_empty(&mut self) {
+        let dims = self.points.dims();
+        let mut names = vec![0; self.counts.len()];
+        let mut kept = 0;
+        for (old, name) in names.iter_mut().enumerate() {
+            *name = kept;
+            if self.counts[old] > 0 {
+                self.counts[kept] = self.counts[old];
+                self.sums.copy_within(old * dims..(old + 1) * dims, kept * dims);
+                self.centres.copy_within(old * dims..(old + 1) * dims, kept * dims);
+                kept += 1;
+            }
+        }
+        self.counts.truncate(kept);
+        self.sums.truncate(kept * dims);
+        self.centres.truncate(kept * dims);
+        for label in &mut self.labels {
+            *label = names[*label];
+        }
+    }
 }
 
 /// A label that stood among the distances as a number.
@@ -230,44 +289,6 @@ impl Closest {
             *second = if larger < *second { larger } else { *second };
             *name = if nearer { label } else { *name };
             *best = if nearer { square } else { *best };
-        }
-    }
-}
-
-/// The means of the clusters; empty ones are taken out, of the labels too.
-fn means(points: &Points, labels: &mut [usize], centres: &mut Vec<f64>) {
-    let dims = points.dims();
-    let mut counts = vec![0_usize; centres.len() / dims];
-    centres.fill(0.0);
-    if let (2, (sums, [])) = (dims, centres.as_chunks_mut::<2>()) {
-        for (row, &label) in points.values().as_chunks::<2>().0.iter().zip(labels.iter()) {
-            counts[label] = counts[label].wrapping_add(1);
-            let sum = &mut sums[label];
-            *sum = [sum[0] + row[0], sum[1] + row[1]];
-        }
-    } else {
-        for (row, &label) in points.values().chunks_exact(dims).zip(labels.iter()) {
-            counts[label] += 1;
-            for (sum, x) in centres[label * dims..].iter_mut().zip(row) {
-                *sum += x;
-            }
-        }
-    }
-    let mut names = vec![0; counts.len()];
-    let mut kept = 0;
-    for (old, &count) in counts.iter().enumerate() {
-        names[old] = kept;
-        if count > 0 {
-            for axis in 0..dims {
-                centres[kept * dims + axis] = centres[old * dims + axis] / count as f64;
-            }
-            kept += 1;
-        }
-    }
-    if kept < counts.len() {
-        centres.truncate(kept * dims);
-        for label in labels {
-            *label = names[*label];
         }
     }
 }
