@@ -151,22 +151,19 @@ fn k_means_ends_where_nothing_changes() {
         let clusters = labels.iter().max().unwrap() + 1;
         let mut means = vec![0.0; clusters * dims];
         let mut counts = vec![0.0; clusters];
-        for i in 0..n {
-            counts[labels[i]] += 1.0;
+        for (i, &label) in labels.iter().enumerate() {
+            counts[label] += 1.0;
             for axis in 0..dims {
-                means[labels[i] * dims + axis] += points.point(i)[axis];
+                means[label * dims + axis] += points.point(i)[axis];
             }
         }
-        for i in 0..n {
+        for (i, &own) in labels.iter().enumerate() {
             let square = |label: usize| -> f64 {
                 let mean = (0..dims).map(|axis| means[label * dims + axis] / counts[label]);
                 mean.zip(points.point(i)).map(|(mean, x)| (x - mean) * (x - mean)).sum()
             };
             let least = (0..clusters).map(square).fold(f64::INFINITY, f64::min);
-            assert!(
-                square(labels[i]) <= least + 1e-12,
-                "point {i} of {n}, {dims} dimensions"
-            );
+            assert!(square(own) <= least + 1e-12, "point {i} of {n}, {dims} dimensions");
         }
     }
 }

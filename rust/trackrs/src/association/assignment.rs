@@ -33,6 +33,7 @@
 //! assignment algorithms*, IEEE Trans. Aerosp. Electron. Syst. 52(4), 2016, for (2) and (3).
 
 mod kernels;
+mod lists;
 mod paths;
 mod price;
 pub mod sparse;

@@ -343,7 +343,7 @@ fn links(index: &Index<'_>, order: &[usize]) -> Links {
                     // Most leaves bring nothing nearer, which the lanes tell.
                     let mut nearer = false;
                     for (&d2, &other) in squares.iter().zip(ranks) {
-                        nearer |= (other < rank) & (d2 <= best.0);
+                        nearer |= other < rank && d2 <= best.0;
                     }
                     if !nearer {
                         return;

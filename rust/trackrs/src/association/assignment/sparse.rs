@@ -23,6 +23,7 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
+use super::lists::Lists;
 use super::price::{Graded, Price};
 use super::{Assignment, NONE, check_magnitude};
 use crate::error::{Error, Result, require_finite, require_size};
@@ -105,60 +106,6 @@ fn check(candidates: &[Candidate], rows: usize, columns: usize) -> Result<()> {
     check_magnitude("assignment cost", candidates.iter().map(|pair| pair.cost))
 }
 
-#[derive(Clone, Copy)]
-struct Entry {
-    column: usize,
-    cost: f64,
-}
-
-/// The pairs of every row, one after the other.
-struct Lists {
-    starts: Vec<usize>,
-    entries: Vec<Entry>,
-    columns: usize,
-}
-
-impl Lists {
-    /// Sorted by rows, by counting; rows and columns exchanged where `turned`.
-    fn new(candidates: &[Candidate], rows: usize, columns: usize, turned: bool) -> Self {
-        let sides = |pair: &Candidate| {
-            if turned {
-                (pair.column, pair.row)
-            } else {
-                (pair.row, pair.column)
-            }
-        };
-        let (rows, columns) = if turned { (columns, rows) } else { (rows, columns) };
-        let mut starts = vec![0; rows + 1];
-        for pair in candidates {
-            starts[sides(pair).0 + 1] += 1;
-        }
-        for row in 0..rows {
-            starts[row + 1] += starts[row];
-        }
-        let mut next = starts.clone();
-        let mut entries = vec![Entry { column: 0, cost: 0.0 }; candidates.len()];
-        for pair in candidates {
-            let (row, column) = sides(pair);
-            entries[next[row]] = Entry {
-                column,
-                cost: pair.cost,
-            };
-            next[row] += 1;
-        }
-        Self {
-            starts,
-            entries,
-            columns,
-        }
-    }
-
-    #[inline]
-    fn row(&self, row: usize) -> &[Entry] {
-        &self.entries[self.starts[row]..self.starts[row + 1]]
-    }
-}
-
 /// A column on its way through the heap; the nearest comes out first.
 struct Waiting<P> {
     distance: P,
@@ -233,7 +180,7 @@ impl<'a, P: Price> Solver<'a, P> {
         Self {
             lists,
             miss_costs,
-            rows: vec![UNMADE; lists.starts.len() - 1],
+            rows: vec![UNMADE; lists.rows()],
             columns: vec![column; lists.columns],
             heap: BinaryHeap::new(),
             ready: Vec::new(),
