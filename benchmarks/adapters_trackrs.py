@@ -266,12 +266,12 @@ def _(d):
     return lambda: kind.from_bytes(saved).step(d["scan"]), lambda tracks: tracks
 
 
-@peer("W10kf", "trackrs", "trackrs", note="GNN, 3 hits of 5 to confirm, 5 misses to end, built-in models")
-def _(_d):
+@peer("W10kf", "trackrs", "trackrs", note="GNN, 3 hits in a row to confirm, 5 misses to end, as the hand-written one")
+def _(d):
     tracker = tr.MultiTargetTracker(
-        tr.ConstantVelocity(2, accel_psd=0.05),
-        sensors={"radar": tr.PositionSensor(2, std=5.0)},
-        initiator=tr.MofN(3, 5, max_speed=30.0),
+        tr.ConstantVelocity(2, accel_psd=d["Q"][1, 1]),
+        sensors={"radar": tr.PositionSensor(2, std=np.sqrt(d["R"][0, 0]))},
+        initiator=tr.MofN(3, 3, max_speed=30.0),
         detection_probability=0.95,
         deletion=tr.Deletion(max_misses=5),
     )

@@ -106,6 +106,14 @@ def test_underwater(tmp_path):
     assert without_time[0] == without_time[1]
 
 
+def test_live(tmp_path):
+    lines = run([sys.executable, ROOT / "examples" / "live.py"], tmp_path).splitlines()
+    assert [line.split(";")[0] for line in lines[:2]] == ["killed after 70 lines", "killed after 130 lines"]
+    assert "1 bad line (1 not_json)" in lines[3]
+    assert lines[-2] == "exit code 143"
+    assert " bytes equal those of the run in one piece" in lines[-1]
+
+
 def test_readme_python():
     tracks, hydrophones, head, extended = blocks("python")
     shown = run([sys.executable, "-c", tracks], ROOT)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trackrs._trackrs import __version__
 
 if TYPE_CHECKING:
-    from trackrs import association, geodesy, report, rotation, scenarios, study
+    from trackrs import association, geodesy, live, report, rotation, scenarios, study
     from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise, ResidualNoise
     from trackrs.association import (
         JIPDA,
@@ -218,6 +218,7 @@ __all__ = [
     "geodesy",
     "gospa",
     "lead_curve",
+    "live",
     "nees",
     "nis",
     "ospa",
@@ -231,7 +232,7 @@ __all__ = [
     "whiteness",
 ]
 
-_MODULES = ("association", "geodesy", "report", "rotation", "scenarios", "study")
+_MODULES = ("association", "geodesy", "live", "report", "rotation", "scenarios", "study")
 
 # Names are looked up when they are first used: making all the dataclasses takes half as long as importing NumPy.
 _HOMES = (

@@ -17,9 +17,9 @@ def note(text: str) -> None:
     click.echo(f"trackrs: note: {text}", err=True)
 
 
-def print_json(record: Mapping[str, Any]) -> None:
-    """Print one JSON object; numbers that are not finite become null."""
-    click.echo(json.dumps(_plain(record), indent=2, allow_nan=False))
+def print_json(record: Mapping[str, Any], *, err: bool = False) -> None:
+    """Print one JSON object, on stderr if so said; numbers that are not finite become null."""
+    click.echo(json.dumps(_plain(record), indent=2, allow_nan=False), err=err)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 (as JSON has it)

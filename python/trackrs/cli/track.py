@@ -40,23 +40,52 @@ FILE = click.Path(path_type=Path)
 @click.argument("detections", type=FILE)
 @click.option("--scans", type=FILE, help="Table of scans: empty ones, and where the platform was.")
 @click.option("--config", "config_path", type=FILE, required=True, help="TOML file: models, tracker, names of columns.")
-@click.option("--out", type=FILE, required=True, help="Where the tracks go, .csv or .parquet.")
+@click.option(
+    "--out", type=FILE, help="Where the tracks go, .csv or .parquet; with --follow .ndjson or standard output."
+)
 @click.option("--plot", type=FILE, help="Draw the tracks, .png, .svg or .pdf.")
 @click.option("--report", type=FILE, help="Write a page that plays the tracks, .html.")
 @click.option("--truth", "truth_path", type=FILE, help="Table of true positions, for picture and report.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@click.option("--follow", is_flag=True, help="DETECTIONS are lines of JSON that go on coming; - is standard input.")
+@click.option("--dead-letters", type=FILE, help="With --follow: where lines go that cannot be used.")
+@click.option("--checkpoint", type=FILE, help="With --follow: where the run stands; the same command goes on from it.")
+@click.option("--checkpoint-every", type=float, default=10.0, show_default=True, help="Seconds between two of them.")
+@click.option("--idle", type=float, help="With --follow: complete a scan after so many seconds without input.")
 def track(
     detections: Path,
     scans: Path | None,
     config_path: Path,
-    out: Path,
+    out: Path | None,
     plot: Path | None,
     report: Path | None,
     truth_path: Path | None,
     as_json: bool,
-) -> None:
-    """Turn DETECTIONS, a table as CSV or Parquet, into confirmed tracks with covariances."""
+    follow: bool,
+    dead_letters: Path | None,
+    checkpoint: Path | None,
+    checkpoint_every: float,
+    idle: float | None,
+) -> int:
+    """Turn DETECTIONS, a table as CSV or Parquet, into confirmed tracks with covariances.
+
+    With --follow they are lines of JSON (or an Arrow IPC stream) from a file that grows or, as -, from standard input.
+    """
+    live = {"--dead-letters": dead_letters, "--checkpoint": checkpoint, "--idle": idle}
+    table = {"--scans": scans, "--plot": plot, "--report": report, "--truth": truth_path}
+    for name, value in (table if follow else live).items():
+        if value is not None:
+            text = f"{name} goes {'without' if follow else 'with'} --follow"
+            raise click.UsageError(text, click.get_current_context())
     config = load_config(config_path)
+    if follow:
+        from trackrs.cli._live import follow_detections
+
+        return follow_detections(detections, config, out, dead_letters, checkpoint, checkpoint_every, idle, as_json)
+    if out is None:
+        raise click.MissingParameter(None, click.get_current_context(), param_hint="'--out'", param_type="option")
+    if str(detections) == "-":
+        raise click.UsageError("standard input is read with --follow", click.get_current_context())
     suffix = table_suffix(out)
     _check_outputs(out, plot, report, [detections, scans, config_path, truth_path])
     if truth_path is not None and plot is None and report is None:
@@ -91,6 +120,7 @@ def track(
                 sections = track_sections(tracks, tracker, recording, config, truth)
                 write_report(page, detections.stem, sections, subtitle=about)
     _summary(tracks, tracker, recording, seconds, detections, out, plot, report, as_json)
+    return 0
 
 
 def run_in_chunks(tracker: Recorder, scans: Sequence[Scan]) -> Tracks:

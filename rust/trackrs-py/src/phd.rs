@@ -6,6 +6,7 @@ use std::sync::Mutex;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use trackrs::TrackRef;
 use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
 use trackrs::rfs::cphd::CphdUpdate;
@@ -23,7 +24,7 @@ use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
 use crate::partition::{OutlierFilter, Partitioner};
 use crate::scans::{
-    Columns, EventRecord, LedgerRecord, ScanArrays, counts, each, extents, lock, recent, to_columns, to_scan,
+    Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, extents, lock, recent, to_scan,
 };
 use crate::tracker::{filter, small};
 
@@ -308,7 +309,9 @@ impl IntensityTracker {
         let mut guard = lock(py, &self.inner)?;
         let tracker = &mut *guard;
         let tracks = compute(py, || tracker.step(&scan))?;
-        columns(py, tracker, &[tracks], &[tracker.expected_targets()])
+        let mut rows = rows(tracker);
+        rows.push(tracks.iter().map(TrackRef::from));
+        columns(py, rows, &[tracker.expected_targets()])
     }
 
     fn run<'py>(&self, py: Python<'py>, scans: Vec<ScanArrays<'py>>) -> PyResult<IntensityColumns<'py>> {
@@ -317,13 +320,14 @@ impl IntensityTracker {
         let tracker = &mut *guard;
         compute(py, || tracker.check_run(&scans))?;
         let mut expected = Vec::with_capacity(scans.len());
-        let tracks = each(py, &scans, |scan| {
-            let tracks = tracker.step(scan)?;
+        let mut rows = rows(tracker);
+        each(py, &scans, |scan| {
+            rows.push(tracker.step(scan)?.iter().map(TrackRef::from));
             expected.push(tracker.expected_targets());
-            Ok(tracks)
+            Ok(())
         })?;
         compute(py, || tracker.ledger().check())?;
-        columns(py, tracker, &tracks, &expected)
+        columns(py, rows, &expected)
     }
 
     fn mixture<'py>(&self, py: Python<'py>) -> PyResult<MixtureColumns<'py>> {
@@ -361,20 +365,13 @@ impl IntensityTracker {
     }
 }
 
-fn columns<'py>(
-    py: Python<'py>,
-    tracker: &PhdTracker,
-    tracks: &[Vec<trackrs::Track>],
-    expected: &[f64],
-) -> PyResult<IntensityColumns<'py>> {
+fn rows(tracker: &PhdTracker) -> Rows {
+    Rows::new(tracker.config().motion.state_dim(), true, tracker.extent_dims())
+}
+
+fn columns<'py>(py: Python<'py>, rows: Rows, expected: &[f64]) -> PyResult<IntensityColumns<'py>> {
     Ok(IntensityColumns {
-        tracks: to_columns(
-            py,
-            tracker.config().motion.state_dim(),
-            true,
-            tracker.extent_dims(),
-            tracks,
-        )?,
+        tracks: rows.into_columns(py)?,
         expected_targets: PyArray1::from_slice(py, expected),
     })
 }

@@ -5,10 +5,10 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
 use nalgebra::{DMatrix, DVector};
-use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::event::{Event, EventLog, Ledger};
-use trackrs::{Extent, Scan, Track};
+use trackrs::{Extent, Scan, TrackRef};
 
 use crate::array;
 use crate::error::{compute, exception};
@@ -108,24 +108,25 @@ pub(crate) fn lock<'a, T>(py: Python<'_>, tracker: &'a Mutex<T>) -> PyResult<Mut
     }
 }
 
-/// What `step` gives for every scan, in pieces between which Ctrl-C is looked for.
-pub(crate) fn each<T: Send>(
+/// Steps through scans in pieces between which Ctrl-C is looked for.
+pub(crate) fn each(
     py: Python<'_>,
     scans: &[Scan],
-    mut step: impl FnMut(&Scan) -> trackrs::Result<T> + Send,
-) -> PyResult<Vec<T>> {
-    let mut out = Vec::with_capacity(scans.len());
-    while out.len() < scans.len() {
+    mut step: impl FnMut(&Scan) -> trackrs::Result<()> + Send,
+) -> PyResult<()> {
+    let mut left = scans.iter();
+    while left.len() > 0 {
         compute(py, || {
             let start = Instant::now();
-            while out.len() < scans.len() && start.elapsed() < CHUNK {
-                out.push(step(&scans[out.len()])?);
+            while start.elapsed() < CHUNK {
+                let Some(scan) = left.next() else { break };
+                step(scan)?;
             }
             Ok(())
         })?;
         py.check_signals()?;
     }
-    Ok(out)
+    Ok(())
 }
 
 pub(crate) fn to_scan(scan: &ScanArrays<'_>) -> PyResult<Scan> {
@@ -160,28 +161,75 @@ pub(crate) fn extents<'py, 'a>(
     array::from_symmetric(py, covs.into_iter(), d).map(Some)
 }
 
-/// The tracks of scans in columns; `n` is the length of a state, `dims` that of an extent.
-pub(crate) fn to_columns<'py>(
-    py: Python<'py>,
+/// The tracks of scans, row by row.
+pub(crate) struct Rows {
+    /// Length of a state, and number of dimensions of an extent where extents are learnt.
     n: usize,
-    existence: bool,
     dims: Option<usize>,
-    scans: &[Vec<Track>],
-) -> PyResult<Columns<'py>> {
-    let all: Vec<&Track> = scans.iter().flatten().collect();
-    let mut offsets = vec![0];
-    for tracks in scans {
-        offsets.push(offsets[offsets.len() - 1] + tracks.len());
+    offsets: Vec<usize>,
+    times: Vec<f64>,
+    ids: Vec<u64>,
+    means: Vec<f64>,
+    covs: Vec<f64>,
+    last_hits: Vec<f64>,
+    hits: Vec<u64>,
+    existences: Option<Vec<f64>>,
+    extents: Vec<f64>,
+}
+
+impl Rows {
+    pub(crate) fn new(n: usize, existence: bool, dims: Option<usize>) -> Self {
+        Self {
+            n,
+            dims,
+            offsets: vec![0],
+            times: Vec::new(),
+            ids: Vec::new(),
+            means: Vec::new(),
+            covs: Vec::new(),
+            last_hits: Vec::new(),
+            hits: Vec::new(),
+            existences: existence.then(Vec::new),
+            extents: Vec::new(),
+        }
     }
-    Ok(Columns {
-        offsets,
-        times: PyArray1::from_iter(py, all.iter().map(|t| t.time)),
-        ids: PyArray1::from_iter(py, all.iter().map(|t| t.id)),
-        means: array::from_rows(py, all.iter().map(|t| &t.state.mean), n)?,
-        covs: array::from_symmetric(py, all.iter().map(|t| &t.state.cov), n)?,
-        last_hits: PyArray1::from_iter(py, all.iter().map(|t| t.last_hit)),
-        hits: PyArray1::from_iter(py, all.iter().map(|t| t.hits)),
-        extents: extents(py, dims, all.iter().map(|t| t.extent.as_ref()))?,
-        existences: existence.then(|| PyArray1::from_iter(py, all.iter().map(|t| t.existence.unwrap_or(1.0)))),
-    })
+
+    /// Takes in the tracks after one more scan.
+    pub(crate) fn push<'a>(&mut self, tracks: impl Iterator<Item = TrackRef<'a>>) {
+        for track in tracks {
+            self.times.push(track.time);
+            self.ids.push(track.id);
+            self.means.extend_from_slice(track.state.mean.as_slice());
+            self.covs.extend_from_slice(track.state.cov.as_slice());
+            self.last_hits.push(track.last_hit);
+            self.hits.push(track.hits);
+            if let Some(existences) = &mut self.existences {
+                existences.push(track.existence.unwrap_or(1.0));
+            }
+            if let Some(extent) = track.extent {
+                self.extents.extend_from_slice(extent.cov.as_slice());
+            }
+        }
+        self.offsets.push(self.ids.len());
+    }
+
+    /// The columns; their memory is handed over.
+    pub(crate) fn into_columns(self, py: Python<'_>) -> PyResult<Columns<'_>> {
+        let (count, n) = (self.ids.len(), self.n);
+        let extents = |d: usize| {
+            let found = self.extents.len() / (d * d).max(1);
+            PyArray1::from_vec(py, self.extents).reshape([found, d, d])
+        };
+        Ok(Columns {
+            offsets: self.offsets,
+            times: PyArray1::from_vec(py, self.times),
+            ids: PyArray1::from_vec(py, self.ids),
+            means: PyArray1::from_vec(py, self.means).reshape([count, n])?,
+            covs: PyArray1::from_vec(py, self.covs).reshape([count, n, n])?,
+            last_hits: PyArray1::from_vec(py, self.last_hits),
+            hits: PyArray1::from_vec(py, self.hits),
+            extents: self.dims.map(extents).transpose()?,
+            existences: self.existences.map(|existences| PyArray1::from_vec(py, existences)),
+        })
+    }
 }

@@ -1,17 +1,18 @@
 //! Smoothing of a filter run.
 
+use std::ops::Range;
+
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::smoother::{Backward, Epoch, FixedLagSmoother, SmoothedRun};
-use trackrs::linalg::stack::Stack;
 
 use crate::array;
 use crate::error::{compute, to_python};
 
-/// Steps back between two looks for Ctrl-C.
-const CHUNK: usize = 4096;
+/// Steps back between two looks for Ctrl-C: their rows fit into a fast part of the memory.
+const CHUNK: usize = 256;
 
 /// What smoothing gives.
 #[derive(IntoPyObject)]
@@ -36,29 +37,34 @@ pub(crate) fn smooth<'py>(
     attitude: Option<usize>,
 ) -> PyResult<Smoothed<'py>> {
     let n = means.shape()[1];
-    let mut run = FilterRun::new(n, 0);
-    run.space.attitude = attitude.filter(|at| at + 3 <= n);
-    for (stack, array, name) in [
-        (&mut run.filtered.means, &means, "means"),
-        (&mut run.predicted.means, &predicted_means, "predicted_means"),
-    ] {
-        fill(py, stack, array::c_slice(array, name)?, array.shape(), name)?;
+    let count = means.shape()[0];
+    let mut given = Given {
+        n,
+        attitude: attitude.filter(|at| at + 3 <= n),
+        vectors: [&[]; 2],
+        matrices: [&[]; 4],
+    };
+    let vectors = [(&means, "means"), (&predicted_means, "predicted_means")];
+    for (to, (array, name)) in given.vectors.iter_mut().zip(vectors) {
+        *to = numbers(py, array::c_slice(array, name)?, array.shape(), [count, n], name)?;
     }
-    for (stack, array, name) in [
-        (&mut run.filtered.covs, &covs, "covs"),
-        (&mut run.predicted.covs, &predicted_covs, "predicted_covs"),
-        (&mut run.transitions, &transitions, "transitions"),
-        (&mut run.motion_noises, &motion_noises, "motion_noises"),
-    ] {
-        fill(py, stack, array::c_slice(array, name)?, array.shape(), name)?;
+    let matrices = [
+        (&covs, "covs"),
+        (&predicted_covs, "predicted_covs"),
+        (&transitions, "transitions"),
+        (&motion_noises, "motion_noises"),
+    ];
+    for (to, (array, name)) in given.matrices.iter_mut().zip(matrices) {
+        *to = numbers(py, array::c_slice(array, name)?, array.shape(), [count, n, n], name)?;
     }
-    for (covs, name) in [(&run.filtered.covs, "covs"), (&run.predicted.covs, "predicted_covs")] {
-        compute(py, || require_size(name, run.filtered.len(), covs.len()))?;
-    }
-    let epochs = compute(py, || run.epochs())?;
     let out = match lag {
-        None => fixed_interval(py, &epochs, n)?,
-        Some(lag) => fixed_lag(py, &epochs, lag, n)?,
+        None => fixed_interval(py, &given, count)?,
+        Some(lag) => {
+            let mut run = FilterRun::new(n, 0);
+            given.copy(0..count, &mut run);
+            let epochs = compute(py, || run.epochs())?;
+            fixed_lag(py, &epochs, lag, n)?
+        }
     };
     Ok(Smoothed {
         means: array::from_vectors(py, out.states.means)?,
@@ -67,29 +73,70 @@ pub(crate) fn smooth<'py>(
     })
 }
 
-/// Copies an array of vectors (k, n) or matrices (k, n, n).
-fn fill(py: Python<'_>, stack: &mut Stack, values: &[f64], shape: &[usize], name: &str) -> PyResult<()> {
-    let n = stack.shape()[1];
-    for &size in &shape[1..] {
-        require_size(name, n, size).map_err(|error| to_python(py, &error))?;
+/// The arrays given.
+struct Given<'a> {
+    n: usize,
+    attitude: Option<usize>,
+    /// Means, and predicted means.
+    vectors: [&'a [f64]; 2],
+    /// Covariances, predicted covariances, F and Q.
+    matrices: [&'a [f64]; 4],
+}
+
+impl Given<'_> {
+    /// Some of the rows as a run. A copy, because another thread may write to the arrays while the interpreter is released.
+    fn copy(&self, rows: Range<usize>, run: &mut FilterRun) {
+        run.space.attitude = self.attitude;
+        let vectors = [&mut run.filtered.means, &mut run.predicted.means];
+        let matrices = [
+            &mut run.filtered.covs,
+            &mut run.predicted.covs,
+            &mut run.transitions,
+            &mut run.motion_noises,
+        ];
+        let vectors = vectors.into_iter().zip(self.vectors).map(|pair| (pair, self.n));
+        let matrices = matrices
+            .into_iter()
+            .zip(self.matrices)
+            .map(|pair| (pair, self.n * self.n));
+        for ((stack, values), width) in vectors.chain(matrices) {
+            stack.clear();
+            stack.append(&values[rows.start * width..rows.end * width]);
+        }
     }
-    stack.reserve(shape[0]);
-    values
-        .chunks_exact((stack.shape()[0] * n).max(1))
-        .for_each(|one| stack.push(one));
-    Ok(())
+}
+
+/// The numbers of an array of this shape.
+fn numbers<'a>(
+    py: Python<'_>,
+    values: &'a [f64],
+    found: &[usize],
+    shape: impl IntoIterator<Item = usize>,
+    name: &str,
+) -> PyResult<&'a [f64]> {
+    for (expected, &found) in shape.into_iter().zip(found) {
+        require_size(name, expected, found).map_err(|error| to_python(py, &error))?;
+    }
+    Ok(values)
 }
 
 /// `smoother::fixed_interval`, looking for Ctrl-C; neighbouring pieces share an epoch.
-fn fixed_interval(py: Python<'_>, epochs: &[Epoch<'_>], n: usize) -> PyResult<SmoothedRun> {
-    let Some(last) = epochs.last() else {
-        return Ok(SmoothedRun::new(n));
+fn fixed_interval(py: Python<'_>, given: &Given<'_>, count: usize) -> PyResult<SmoothedRun> {
+    let mut piece = FilterRun::new(given.n, 0);
+    let Some(mut to) = count.checked_sub(1) else {
+        return Ok(SmoothedRun::new(given.n));
     };
-    let mut back = Backward::from(last.filtered);
-    let mut to = epochs.len() - 1;
+    given.copy(to..count, &mut piece);
+    let mut back = Backward::from(piece.filtered.view(0));
+    back.reserve(count);
     loop {
         let from = to.saturating_sub(CHUNK);
-        compute(py, || back.through(&epochs[from..=to]))?;
+        given.copy(from..to + 1, &mut piece);
+        compute(py, || {
+            let mut epochs = piece.epochs()?;
+            epochs.iter_mut().for_each(|epoch| epoch.step += from);
+            back.through(&epochs)
+        })?;
         py.check_signals()?;
         to = from;
         if to == 0 {

@@ -6,7 +6,6 @@ use std::sync::Mutex;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use trackrs::Track;
 use trackrs::filter::sequence::InitialState;
 use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
@@ -20,7 +19,7 @@ use crate::array;
 use crate::associator::{AssociatorItems, associator};
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
-use crate::scans::{Columns, EventRecord, LedgerRecord, ScanArrays, counts, each, lock, recent, to_columns, to_scan};
+use crate::scans::{Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, lock, recent, to_scan};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Tracker {
@@ -210,8 +209,10 @@ impl Tracker {
         let scan = to_scan(&scan)?;
         let mut guard = lock(py, &self.inner)?;
         let tracker = &mut *guard;
-        let tracks = compute(py, || tracker.step(&scan))?;
-        columns(py, tracker.config(), &[tracks])
+        compute(py, || tracker.update(&scan))?;
+        let mut rows = rows(tracker.config());
+        rows.push(tracker.track_refs());
+        rows.into_columns(py)
     }
 
     fn run<'py>(&self, py: Python<'py>, scans: Vec<ScanArrays<'py>>) -> PyResult<Columns<'py>> {
@@ -219,9 +220,14 @@ impl Tracker {
         let mut guard = lock(py, &self.inner)?;
         let tracker = &mut *guard;
         compute(py, || tracker.check_run(&scans))?;
-        let tracks = each(py, &scans, |scan| tracker.step(scan))?;
+        let mut rows = rows(tracker.config());
+        each(py, &scans, |scan| {
+            tracker.update(scan)?;
+            rows.push(tracker.track_refs());
+            Ok(())
+        })?;
         compute(py, || tracker.ledger().check())?;
-        columns(py, tracker.config(), &tracks)
+        rows.into_columns(py)
     }
 
     fn labels(&self, py: Python<'_>) -> PyResult<Vec<String>> {
@@ -241,7 +247,7 @@ impl Tracker {
     }
 }
 
-fn columns<'py>(py: Python<'py>, config: &TrackerConfig, scans: &[Vec<Track>]) -> PyResult<Columns<'py>> {
+fn rows(config: &TrackerConfig) -> Rows {
     let existence = matches!(config.initiator, Initiator::Existence(_));
-    to_columns(py, config.motion.state_dim(), existence, None, scans)
+    Rows::new(config.motion.state_dim(), existence, None)
 }

@@ -127,6 +127,7 @@ impl Gaussians {
     }
 
     /// Adds one.
+    #[inline]
     pub fn push<'a>(&mut self, state: impl Into<GaussianRef<'a>>) {
         let state = state.into();
         self.means.push(state.mean);

@@ -47,6 +47,24 @@ impl Scan {
         self
     }
 
+    /// Takes over another, in the memory that is there.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.time = other.time;
+        self.sensor.clone_from(&other.sensor);
+        self.platform.clone_from(&other.platform);
+        self.times.clone_from(&other.times);
+        self.values.truncate(other.values.len());
+        let kept = self.values.len();
+        for (row, value) in self.values.iter_mut().zip(&other.values) {
+            if row.len() == value.len() {
+                row.as_mut_slice().copy_from_slice(value.as_slice());
+            } else {
+                row.clone_from(value);
+            }
+        }
+        self.values.extend_from_slice(&other.values[kept..]);
+    }
+
     /// Whether both hold the same sensor, times, platform and reports, bit for bit.
     pub fn same_content(&self, other: &Self) -> bool {
         let given = |x: &Option<Vec<f64>>, y: &Option<Vec<f64>>| {

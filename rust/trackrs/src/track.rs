@@ -28,6 +28,48 @@ pub struct Track {
     pub extent: Option<Extent>,
 }
 
+/// A track where it stands, without a copy of its estimate. The fields are those of [`Track`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)]
+pub struct TrackRef<'a> {
+    pub id: u64,
+    pub time: f64,
+    pub state: &'a Gaussian,
+    pub last_hit: f64,
+    pub hits: u64,
+    pub existence: Option<f64>,
+    pub extent: Option<&'a Extent>,
+}
+
+impl TrackRef<'_> {
+    /// The track by value.
+    pub fn to_owned(&self) -> Track {
+        Track {
+            id: self.id,
+            time: self.time,
+            state: self.state.clone(),
+            last_hit: self.last_hit,
+            hits: self.hits,
+            existence: self.existence,
+            extent: self.extent.cloned(),
+        }
+    }
+}
+
+impl<'a> From<&'a Track> for TrackRef<'a> {
+    fn from(track: &'a Track) -> Self {
+        Self {
+            id: track.id,
+            time: track.time,
+            state: &track.state,
+            last_hit: track.last_hit,
+            hits: track.hits,
+            existence: track.existence,
+            extent: track.extent.as_ref(),
+        }
+    }
+}
+
 /// An ellipse, more or less certain: X ~ IW(v, V) with v = κ + 2 d + 2, V = κ X̂.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Extent {

@@ -76,22 +76,23 @@ fn golden_weights_of_scans() {
         for step in data["cases"][case]["steps"].as_array().unwrap() {
             let clutter: f64 = if density > 0.0 { density } else { 1.0 };
             let rows: Vec<Vec<f64>> = step["logf"].as_array().unwrap().iter().map(numbers).collect();
-            let track = |i: usize| GatedTrack {
-                pairs: (0..rows.len()).map(|j| pair(j, rows[j][i] + clutter.ln())).collect(),
-                edge_log_likelihood: f64::NEG_INFINITY,
-            };
+            let pairs =
+                |i: usize| -> Vec<GatedPair> { (0..rows.len()).map(|j| pair(j, rows[j][i] + clutter.ln())).collect() };
+            let pairs: Vec<Vec<GatedPair>> = (0..3).map(pairs).collect();
             let odds = Odds {
                 detection,
                 gate: 1.0,
                 density,
             };
-            let tracks: Vec<GatedTrack> = (0..3).map(track).collect();
+            let track = |pairs| GatedTrack {
+                pairs,
+                ..GatedTrack::default()
+            };
+            let tracks: Vec<GatedTrack> = pairs.iter().map(|pairs| track(pairs)).collect();
             let found = jpda::associate(&tracks, rows.len(), &odds, false).unwrap();
-            for (shares, expected) in found.tracks.iter().zip(step["beta"].as_array().unwrap()) {
-                assert_close(
-                    &[&[shares.missed], shares.pairs.as_slice()].concat(),
-                    &numbers(expected),
-                );
+            let shares = found.missed.iter().zip(found.pairs.chunks_exact(rows.len()));
+            for ((&missed, pairs), expected) in shares.zip(step["beta"].as_array().unwrap()) {
+                assert_close(&[&[missed], pairs].concat(), &numbers(expected));
             }
         }
     }
@@ -103,7 +104,6 @@ fn pair(report: usize, log_likelihood: f64) -> GatedPair {
         nis: 0.0,
         log_likelihood,
         log_density: log_likelihood,
-        innovation: DVector::zeros(2),
     }
 }
 

@@ -34,22 +34,23 @@ pub enum Associator {
     Npda(Npda),
 }
 
-/// One track's probabilities.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Shares {
-    /// None of the reports is its own.
-    pub missed: f64,
-    /// Each of its gated pairs.
-    pub pairs: Vec<f64>,
-}
-
 /// All tracks' probabilities.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Association {
-    /// Track by track.
-    pub tracks: Vec<Shares>,
+    /// Track by track: none of the reports is its own.
+    pub missed: Vec<f64>,
+    /// Each gated pair, those of one track after those of another.
+    pub pairs: Vec<f64>,
     /// How the sums were approximated, where they were.
     pub approximation: Option<String>,
+}
+
+impl Association {
+    /// Adds a track.
+    pub fn push(&mut self, missed: f64, pairs: impl IntoIterator<Item = f64>) {
+        self.missed.push(missed);
+        self.pairs.extend(pairs);
+    }
 }
 
 impl Associator {
@@ -87,14 +88,11 @@ impl Associator {
 
 /// An assignment as probabilities.
 fn certain(tracks: &[GatedTrack], chosen: &[Option<usize>]) -> Association {
-    let shares = tracks.iter().zip(chosen).map(|(track, &chosen)| Shares {
-        missed: if chosen.is_none() { 1.0 } else { 0.0 },
-        pairs: (0..track.pairs.len())
-            .map(|slot| if chosen == Some(slot) { 1.0 } else { 0.0 })
-            .collect(),
-    });
-    Association {
-        tracks: shares.collect(),
-        approximation: None,
+    let mut out = Association::default();
+    let sure = |yes: bool| if yes { 1.0 } else { 0.0 };
+    for (track, &chosen) in tracks.iter().zip(chosen) {
+        let pairs = (0..track.pairs.len()).map(|slot| sure(chosen == Some(slot)));
+        out.push(sure(chosen.is_none()), pairs);
     }
+    out
 }

@@ -4,7 +4,7 @@
 //! |--------|---------------|------------------------------------------------------------------|
 //! | e      |               | joint event: track → 0 or a report, no report twice              |
 //! | w(e)   |               | Π_{e(i)=0} (1 − P_D P_G) Π_{e(i)=j} P_D f_ij / λ                 |
-//! | β_ij   | `Shares`      | marginals of the events (N19), summed exactly by [`super::marginals`] |
+//! | β_ij   | `Association` | marginals of the events (N19), summed exactly by [`super::marginals`] |
 //!
 //! A scan of one report needs no sum: β_i = f_i / (λ/a + Σ f) (N17). The coalescence-free form keeps, of all events with
 //! the same tracks and the same reports, only the likeliest (JPDA*).
@@ -13,7 +13,7 @@
 //! References: Fortmann, Bar-Shalom, Scheffe (1983), IEEE J. Ocean. Eng. 8(3); Blom, Bloem (2000), IEEE Trans. Autom.
 //! Control 45(2); N17, N19.
 
-use super::associator::{Association, Shares};
+use super::associator::Association;
 use super::marginals::{Candidate, Domain, Method, Options, Weights, marginals};
 use super::odds::{Odds, shares};
 use crate::error::Result;
@@ -34,14 +34,14 @@ pub fn associate(tracks: &[GatedTrack], reports: usize, odds: &Odds, coalescence
         ..Options::default()
     };
     let found = marginals(&weights, &options)?;
-    let of_track = |track: usize| Shares {
-        missed: found.missed[track],
-        pairs: found.candidates(track).to_vec(),
-    };
-    Ok(Association {
-        tracks: (0..tracks.len()).map(of_track).collect(),
+    let mut out = Association {
         approximation: approximation(found.method, found.error_bound),
-    })
+        ..Association::default()
+    };
+    for track in 0..tracks.len() {
+        out.push(found.missed[track], found.candidates(track).iter().copied());
+    }
+    Ok(out)
 }
 
 /// A track's gated reports with ln(P_D f / λ).
@@ -67,15 +67,10 @@ fn of_one_report(tracks: &[GatedTrack], odds: &Odds) -> Association {
     let gating = tracks.iter().filter_map(|track| track.pairs.first());
     let log_likelihoods: Vec<f64> = gating.map(|pair| pair.log_density).collect();
     let mut betas = shares(&log_likelihoods, odds.log_clutter()).into_iter();
-    let of_track = |track: &GatedTrack| {
-        let pairs: Vec<f64> = track.pairs.iter().filter_map(|_| betas.next()).collect();
-        Shares {
-            missed: 1.0 - pairs.iter().sum::<f64>(),
-            pairs,
-        }
-    };
-    Association {
-        tracks: tracks.iter().map(of_track).collect(),
-        approximation: None,
+    let mut out = Association::default();
+    for track in tracks {
+        let pairs: Vec<f64> = betas.by_ref().take(track.pairs.len()).collect();
+        out.push(1.0 - pairs.iter().sum::<f64>(), pairs);
     }
+    out
 }

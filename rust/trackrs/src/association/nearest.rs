@@ -62,7 +62,22 @@ pub fn nearest(tracks: &[GatedTrack], reports: usize, by: Nearness) -> Vec<Optio
 /// The same for the cheapest set of pairs.
 pub fn global(tracks: &[GatedTrack], reports: usize) -> Result<Vec<Option<usize>>> {
     let mut chosen = vec![None; tracks.len()];
-    for cluster in clusters(tracks, reports) {
+    let mut wanted = vec![0_usize; reports];
+    for pair in tracks.iter().flat_map(|track| track.pairs) {
+        wanted[pair.report] += 1;
+    }
+    // Most tracks share no report: each of these has the cheapest of its own.
+    let mut shared = vec![GatedTrack::default(); tracks.len()];
+    for ((track, shared), chosen) in tracks.iter().zip(&mut shared).zip(&mut chosen) {
+        if track.pairs.iter().any(|pair| wanted[pair.report] > 1) {
+            *shared = *track;
+            continue;
+        }
+        let slots = 0..track.pairs.len();
+        let cheapest = slots.min_by(|&a, &b| cost(&track.pairs[a]).total_cmp(&cost(&track.pairs[b])));
+        *chosen = cheapest.filter(|&slot| cost(&track.pairs[slot]) < -2.0 * track.edge_log_likelihood);
+    }
+    for cluster in clusters(&shared, reports) {
         let mut columns: Vec<usize> = cluster
             .iter()
             .flat_map(|&t| tracks[t].pairs.iter().map(|p| p.report))
@@ -72,7 +87,7 @@ pub fn global(tracks: &[GatedTrack], reports: usize) -> Result<Vec<Option<usize>
         let mut costs = vec![f64::INFINITY; cluster.len() * columns.len()];
         let mut total = 1.0;
         for (row, &track) in cluster.iter().enumerate() {
-            for pair in &tracks[track].pairs {
+            for pair in tracks[track].pairs {
                 let column = columns.partition_point(|&report| report < pair.report);
                 costs[row * columns.len() + column] = cost(pair);
                 total += cost(pair).abs();
@@ -95,20 +110,26 @@ pub fn clusters(tracks: &[GatedTrack], reports: usize) -> Vec<Vec<usize>> {
     let mut first_of_report: Vec<Option<usize>> = vec![None; reports];
     let mut parent: Vec<usize> = (0..tracks.len()).collect();
     for (track, gated) in tracks.iter().enumerate() {
-        for pair in &gated.pairs {
+        for pair in gated.pairs {
             let other = *first_of_report[pair.report].get_or_insert(track);
             let (a, b) = (root(&mut parent, track), root(&mut parent, other));
             parent[a.max(b)] = a.min(b);
         }
     }
-    let mut members: Vec<Vec<usize>> = vec![Vec::new(); tracks.len()];
+    let mut found: Vec<Vec<usize>> = Vec::new();
+    let mut cluster_of = vec![None; tracks.len()];
     for (track, gated) in tracks.iter().enumerate() {
-        if !gated.pairs.is_empty() {
-            members[root(&mut parent, track)].push(track);
+        if gated.pairs.is_empty() {
+            continue;
         }
+        let first = root(&mut parent, track);
+        let cluster = *cluster_of[first].get_or_insert(found.len());
+        if cluster == found.len() {
+            found.push(Vec::new());
+        }
+        found[cluster].push(track);
     }
-    members.retain(|cluster| !cluster.is_empty());
-    members
+    found
 }
 
 fn root(parent: &mut [usize], mut i: usize) -> usize {
@@ -122,7 +143,6 @@ fn root(parent: &mut [usize], mut i: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::DVector;
 
     fn pair(report: usize, nis: f64) -> GatedPair {
         GatedPair {
@@ -130,11 +150,10 @@ mod tests {
             nis,
             log_likelihood: -0.5 * nis,
             log_density: -0.5 * nis,
-            innovation: DVector::zeros(1),
         }
     }
 
-    fn gated(pairs: Vec<GatedPair>) -> GatedTrack {
+    fn gated(pairs: &[GatedPair]) -> GatedTrack<'_> {
         GatedTrack {
             pairs,
             edge_log_likelihood: -4.0,
@@ -143,26 +162,36 @@ mod tests {
 
     #[test]
     fn global_gives_up_the_nearest_pair_for_a_better_sum() {
-        let tracks = [gated(vec![pair(0, 1.0), pair(1, 2.0)]), gated(vec![pair(0, 1.5)])];
+        let (first, second) = ([pair(0, 1.0), pair(1, 2.0)], [pair(0, 1.5)]);
+        let tracks = [gated(&first), gated(&second)];
         assert_eq!(nearest(&tracks, 2, Nearness::Likelihood), [Some(0), None]);
         assert_eq!(global(&tracks, 2).unwrap(), [Some(1), Some(0)]);
     }
 
     #[test]
     fn one_good_pair_and_a_miss_beat_two_bad_pairs() {
-        let tracks = [gated(vec![pair(0, 0.1), pair(1, 7.0)]), gated(vec![pair(0, 7.0)])];
-        assert_eq!(global(&tracks, 2).unwrap(), [Some(0), None]);
+        let (first, second) = ([pair(0, 0.1), pair(1, 7.0)], [pair(0, 7.0)]);
+        assert_eq!(global(&[gated(&first), gated(&second)], 2).unwrap(), [Some(0), None]);
+    }
+
+    #[test]
+    fn a_track_that_shares_no_report_gets_what_the_assignment_would_give_it() {
+        // The edge is at a cost of 8.
+        let alone = [pair(3, 5.0), pair(4, 2.0), pair(5, 7.9)];
+        let (far, first, second) = ([pair(6, 8.1)], [pair(0, 1.0), pair(1, 2.0)], [pair(0, 1.5)]);
+        let tracks = [gated(&alone), gated(&far), gated(&first), gated(&second)];
+        assert_eq!(global(&tracks, 7).unwrap(), [Some(1), None, Some(1), Some(0)]);
     }
 
     #[test]
     fn clusters_are_connected_through_reports() {
-        let none = gated(vec![]);
-        let tracks = [
-            gated(vec![pair(0, 1.0)]),
-            none,
-            gated(vec![pair(2, 1.0), pair(0, 1.0)]),
-            gated(vec![pair(1, 1.0)]),
+        let parts = [
+            vec![pair(0, 1.0)],
+            vec![],
+            vec![pair(2, 1.0), pair(0, 1.0)],
+            vec![pair(1, 1.0)],
         ];
+        let tracks: Vec<GatedTrack> = parts.iter().map(|pairs| gated(pairs)).collect();
         assert_eq!(clusters(&tracks, 3), [vec![0, 2], vec![3]]);
     }
 }

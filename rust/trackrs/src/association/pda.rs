@@ -6,23 +6,20 @@
 //!
 //! Reference: Bar-Shalom, Tse (1975), Tracking in a cluttered environment with probabilistic data association; N16, N18.
 
-use super::associator::{Association, Shares};
+use super::associator::Association;
 use super::odds::{Odds, shares};
 use crate::gating::mahalanobis::GatedTrack;
 
 /// The probabilities of all tracks.
 pub fn associate(tracks: &[GatedTrack], odds: &Odds) -> Association {
     let log_rest = odds.log_clutter();
-    let of_track = |track: &GatedTrack| {
-        let log_likelihoods: Vec<f64> = track.pairs.iter().map(|pair| pair.log_density).collect();
+    let mut out = Association::default();
+    let mut log_likelihoods = Vec::new();
+    for track in tracks {
+        log_likelihoods.clear();
+        log_likelihoods.extend(track.pairs.iter().map(|pair| pair.log_density));
         let pairs = shares(&log_likelihoods, log_rest);
-        Shares {
-            missed: f64::max(1.0 - pairs.iter().sum::<f64>(), 0.0),
-            pairs,
-        }
-    };
-    Association {
-        tracks: tracks.iter().map(of_track).collect(),
-        approximation: None,
+        out.push(f64::max(1.0 - pairs.iter().sum::<f64>(), 0.0), pairs);
     }
+    out
 }

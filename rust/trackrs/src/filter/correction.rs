@@ -36,7 +36,7 @@ impl Scratch {
 
 impl MeasurementPrediction {
     /// The posterior for a fully observed innovation.
-    pub(super) fn posterior_into(
+    pub(crate) fn posterior_into(
         &self,
         prior: GaussianRef<'_>,
         innovation: &[f64],

@@ -103,9 +103,9 @@ pub fn expect(
 }
 
 /// The same of one state after another, in memory that serves them all.
+#[derive(Debug)]
 pub(crate) struct Expecting {
     look: Look,
-    unobserved: Vec<f64>,
 }
 
 impl Expecting {
@@ -113,7 +113,6 @@ impl Expecting {
     pub(crate) fn new(n: usize, sensor: &dyn Sensor, rule: Rule) -> Result<Self> {
         Ok(Self {
             look: Look::new(StateSpace::euclidean(n), sensor, &rule.into())?,
-            unobserved: vec![f64::NAN; sensor.measurement_dim()],
         })
     }
 
@@ -131,8 +130,18 @@ impl Expecting {
             sensor,
             platform,
         };
-        self.look.expect(&target, &self.unobserved)?;
+        self.look.expect_alone(&target)?;
         Ok(&self.look.linearised)
+    }
+
+    /// Memory for what [`Self::of`] found last.
+    pub(crate) fn slot(&self) -> Linearised {
+        self.look.linearised.clone()
+    }
+
+    /// Keeps what it found last in such a slot.
+    pub(crate) fn keep(&mut self, slot: &mut Linearised) {
+        std::mem::swap(&mut self.look.linearised, slot);
     }
 }
 

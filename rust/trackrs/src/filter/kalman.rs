@@ -246,7 +246,12 @@ impl MeasurementPrediction {
     }
 
     pub(crate) fn log_likelihood(&self, nis: f64) -> f64 {
-        -0.5 * (nis + self.log_determinant() + self.m as f64 * LN_TAU)
+        self.log_likelihood_of(nis, self.log_determinant())
+    }
+
+    /// The same where ln det S is known.
+    pub(crate) fn log_likelihood_of(&self, nis: f64, log_determinant: f64) -> f64 {
+        -0.5 * (nis + log_determinant + self.m as f64 * LN_TAU)
     }
 
     /// The same prediction for some of the components only.

@@ -91,15 +91,7 @@ impl Look {
 
     /// Finds what is expected of the prior, and forms the innovation.
     pub(super) fn expect(&mut self, target: &Target<'_>, measurement: &[f64]) -> Result<()> {
-        match (self.method.rule, target.carried) {
-            (Rule::SigmaPoints(points), Some(carried)) if !points.redraws() => {
-                self.expect_carried(&points, target, carried)?;
-            }
-            (Rule::SigmaPoints(points), _) if !target.sensor.is_linear_in_changes() => {
-                self.expect_of_points(&points, target)?;
-            }
-            _ => self.expect_by_slope(target)?,
-        }
+        self.expect_alone(target)?;
         residual_into(
             target.sensor,
             measurement,
@@ -107,6 +99,19 @@ impl Look {
             self.innovation.as_mut_slice(),
         );
         Ok(())
+    }
+
+    /// Finds what is expected of the prior.
+    pub(super) fn expect_alone(&mut self, target: &Target<'_>) -> Result<()> {
+        match (self.method.rule, target.carried) {
+            (Rule::SigmaPoints(points), Some(carried)) if !points.redraws() => {
+                self.expect_carried(&points, target, carried)
+            }
+            (Rule::SigmaPoints(points), _) if !target.sensor.is_linear_in_changes() => {
+                self.expect_of_points(&points, target)
+            }
+            _ => self.expect_by_slope(target),
+        }
     }
 
     /// h and H at the mean, with the curvature where the rule has it.

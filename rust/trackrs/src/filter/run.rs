@@ -5,7 +5,7 @@ use super::runner::Epoch;
 use super::screen::{Screened, Verdict};
 use super::search::Start;
 use super::sequence::{Filter, History};
-use crate::gaussian::{Gaussian, Gaussians};
+use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
 use crate::linalg::stack::Stack;
 use crate::model::{Motion, Sensor, StateSpace};
 
@@ -47,6 +47,20 @@ pub struct FilterRun {
     pub start: usize,
     /// Where the states live.
     pub space: StateSpace,
+}
+
+/// What every row gives.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Estimates<'a> {
+    pub(super) predicted: GaussianRef<'a>,
+    pub(super) transition: &'a [f64],
+    pub(super) motion_noise: &'a [f64],
+    pub(super) filtered: GaussianRef<'a>,
+    pub(super) innovation: &'a [f64],
+    pub(super) innovation_cov: &'a [f64],
+    /// NaN where nothing was observed.
+    pub(super) nis: f64,
+    pub(super) dof: usize,
 }
 
 impl FilterRun {
@@ -95,30 +109,48 @@ impl FilterRun {
 
     /// Adds what one epoch gave, row `row` of the run.
     pub(super) fn push(&mut self, row: usize, epoch: &Epoch<'_>, memory: Option<&Adaptation>, history: History) {
-        if history == History::Last {
-            self.forget();
-        }
         if epoch.dof > 0 && !epoch.restarted {
             self.log_likelihood += epoch.log_likelihood;
-        }
-        if history == History::Full {
-            self.predicted.push(&epoch.prediction.state);
-            self.transitions.push(epoch.prediction.transition());
-            self.motion_noises.push(epoch.prediction.noise());
         }
         if epoch.restarted {
             self.restarts.push(row);
         }
-        self.filtered.push(epoch.posterior);
-        self.innovations.push(epoch.innovation.as_slice());
-        self.innovation_covs.push(epoch.innovation_cov.as_slice());
-        self.nis.push(if epoch.dof > 0 { epoch.nis } else { f64::NAN });
-        self.dof.push(epoch.dof);
+        self.push_estimates(
+            &Estimates {
+                predicted: (&epoch.prediction.state).into(),
+                transition: epoch.prediction.transition(),
+                motion_noise: epoch.prediction.noise(),
+                filtered: epoch.posterior,
+                innovation: epoch.innovation.as_slice(),
+                innovation_cov: epoch.innovation_cov.as_slice(),
+                nis: if epoch.dof > 0 { epoch.nis } else { f64::NAN },
+                dof: epoch.dof,
+            },
+            history,
+        );
         self.screened.extend(epoch.screened.cloned());
         if let Some(memory) = memory {
             self.q_hat.push(memory.q().as_slice());
             self.r_hat.push(memory.r().as_slice());
         }
+    }
+
+    /// Adds the estimates of one row.
+    #[inline(always)]
+    pub(super) fn push_estimates(&mut self, row: &Estimates<'_>, history: History) {
+        if history == History::Last {
+            self.forget();
+        }
+        if history == History::Full {
+            self.predicted.push(row.predicted);
+            self.transitions.push(row.transition);
+            self.motion_noises.push(row.motion_noise);
+        }
+        self.filtered.push(row.filtered);
+        self.innovations.push(row.innovation);
+        self.innovation_covs.push(row.innovation_cov);
+        self.nis.push(row.nis);
+        self.dof.push(row.dof);
     }
 
     /// Adds a prediction ahead.

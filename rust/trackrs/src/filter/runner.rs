@@ -18,6 +18,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::adaptation::{Adaptation, Corrected};
+use super::fixed::{FixedRows, Now, fixed};
 use super::look::{Look, Target};
 use super::noise::ProcessedEpoch;
 use super::prediction::{Course, Prediction, Steps};
@@ -49,6 +50,8 @@ pub struct Runner<'a> {
     /// The measurement with NaN in place of what was rejected.
     used: Vec<f64>,
     recovery: Recovery<'a>,
+    /// The rows that need nothing beyond a prediction and an update, where the filter is of a common size.
+    fixed: Option<Box<dyn FixedRows>>,
 }
 
 /// What one epoch gives, until the next one.
@@ -107,6 +110,7 @@ impl<'a> Runner<'a> {
             allowance,
             used: Vec::with_capacity(filter.sensor().measurement_dim()),
             recovery: Recovery::default(),
+            fixed: fixed(filter),
         })
     }
 
@@ -129,7 +133,21 @@ impl<'a> Runner<'a> {
         run: &mut FilterRun,
     ) -> Result<()> {
         let (n, m) = (self.state.dim(), self.filter.sensor().measurement_dim());
-        for row in rows {
+        let mut rows = rows;
+        while !rows.is_empty() {
+            if let Some(fixed) = &mut self.fixed
+                && data.inputs.is_none()
+                && data.leads.is_none()
+            {
+                let now = Now {
+                    time: &mut self.time,
+                    state: &mut self.state,
+                };
+                rows.start += fixed.advance(self.filter, now, data, rows.clone(), history, run)?;
+            }
+            let Some(row) = rows.next() else {
+                break;
+            };
             let input = data.inputs.map(|inputs| &inputs[row * n..(row + 1) * n]);
             let measurement = &data.measurements[row * m..(row + 1) * m];
             let restarted = self.advance_to(data.times[row], measurement, input)?;

@@ -33,6 +33,7 @@ use nalgebra::DMatrix;
 
 use super::link::{Link, LinkScratch, Step};
 use super::run::FilterRun;
+use super::way_back::way_back;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
 use crate::linalg::stack::Stack;
@@ -132,6 +133,7 @@ pub fn fixed_interval(epochs: &[Epoch<'_>]) -> Result<SmoothedRun> {
         return Ok(SmoothedRun::default());
     };
     let mut back = Backward::from(last.filtered);
+    back.reserve(epochs.len());
     back.through(epochs)?;
     Ok(back.finish())
 }
@@ -247,17 +249,32 @@ impl Backward {
         }
     }
 
+    /// Takes memory for so many more epochs.
+    pub fn reserve(&mut self, count: usize) {
+        self.run.states.reserve(count);
+        self.run.lag_one.reserve(count);
+    }
+
     /// Goes through these epochs from the last, at which it stands, to the first.
     pub fn through(&mut self, epochs: &[Epoch<'_>]) -> Result<()> {
         epochs.iter().try_for_each(check)?;
         if let Some(last) = epochs.last() {
             require_size("smoothed state", last.filtered.dim(), self.now.dim())?;
         }
-        for pair in epochs.windows(2).rev() {
-            let link = link(pair[0].filtered, &pair[1], &mut self.scratch)?;
+        let mut fixed = way_back(self.now.dim());
+        let mut rest = epochs;
+        loop {
+            if let Some(fixed) = &mut fixed {
+                let taken = fixed.through(rest, &mut self.now, &mut self.run);
+                rest = &rest[..rest.len() - taken];
+            }
+            let [.., before, after] = rest else {
+                return Ok(());
+            };
+            let link = link(before.filtered, after, &mut self.scratch)?;
             self.step(&link);
+            rest = &rest[..rest.len() - 1];
         }
-        Ok(())
     }
 
     fn step(&mut self, link: &Link) {
@@ -315,7 +332,8 @@ fn check(epoch: &Epoch<'_>) -> Result<()> {
         if values.len() != size {
             return require_size(&name(what), size, values.len());
         }
-        if values.iter().any(|v| !v.is_finite()) {
+        // Without a branch for each of them.
+        if !values.iter().fold(true, |all, v| all & v.is_finite()) {
             return require_finite(&name(what), values);
         }
     }

@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Result, require_probability};
 use crate::filter::extended::Linearised;
 use crate::filter::kalman::{LN_TAU, MeasurementPrediction, WhitenedInnovation};
-use crate::gaussian::Gaussian;
-use crate::model::{Sensor, sensor};
+use crate::model::Sensor;
+use crate::model::sensor::residual_into;
 use crate::stats::chi_square;
 
 /// A gate that holds a target's own report with this probability.
@@ -51,7 +51,7 @@ impl Gate {
 }
 
 /// A pair inside the gate.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GatedPair {
     /// Index of the report.
     pub report: usize,
@@ -61,78 +61,141 @@ pub struct GatedPair {
     pub log_likelihood: f64,
     /// The same as a density over all components: those not observed count as they do on the average.
     pub log_density: f64,
-    /// z − ẑ, angles wrapped; NaN where not observed.
-    pub innovation: DVector<f64>,
 }
 
-/// A track's gate: the pairs inside it, in the order of the reports.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct GatedTrack {
-    /// Pairs inside the gate.
-    pub pairs: Vec<GatedPair>,
+/// A track's gate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GatedTrack<'a> {
+    /// Pairs inside it, in the order of the reports.
+    pub pairs: &'a [GatedPair],
     /// ln N of a fully observed report on the gate's edge; −∞ without a gate.
     pub edge_log_likelihood: f64,
 }
 
-/// A track's estimate and what the sensor should report of it.
-#[derive(Debug, Clone)]
-pub struct Expectation {
-    /// The predicted state.
-    pub prior: Gaussian,
-    /// The sensor linearised there.
-    pub linearised: Linearised,
+impl Default for GatedTrack<'_> {
+    fn default() -> Self {
+        Self {
+            pairs: &[],
+            edge_log_likelihood: f64::NEG_INFINITY,
+        }
+    }
 }
 
-/// The pairs inside one track's gate. `thresholds` are those of [`Gate::thresholds`].
+/// The pairs inside the gate of a track of which this is expected, in the order of the reports. `thresholds` are those of
+/// [`Gate::thresholds`].
 pub fn gate(
-    track: &Expectation,
+    expected: &Linearised,
     sensor: &dyn Sensor,
     reports: &[DVector<f64>],
     thresholds: &[f64],
-) -> Result<GatedTrack> {
-    let prediction = &track.linearised.prediction;
-    let full = thresholds.last().copied().unwrap_or(0.0);
-    let half_widths = prediction.cov().diagonal().map(|variance| (full * variance).sqrt());
+) -> Result<Vec<GatedPair>> {
+    let mut gating = Gating::new(thresholds.to_vec());
     let mut pairs = Vec::new();
+    gating.look(expected);
     for (report, measured) in reports.iter().enumerate() {
-        let innovation = sensor::residual(sensor, measured, &track.linearised.expected);
-        // The full-dimensional threshold is the largest, and a NaN never exceeds it.
-        if innovation.iter().zip(half_widths.iter()).any(|(r, w)| r.abs() > *w) {
-            continue;
-        }
-        let white = whiten(prediction, &innovation)?;
-        if white.nis <= thresholds[white.dof] {
-            pairs.push(GatedPair {
-                report,
-                nis: white.nis,
-                log_likelihood: white.log_likelihood,
-                log_density: white.log_likelihood + unobserved(prediction, &white),
-                innovation,
-            });
-        }
+        gating.try_pair(expected, sensor, report, measured.as_slice(), &mut pairs)?;
     }
-    let at_center = prediction.whiten(&DVector::zeros(half_widths.len())).log_likelihood;
-    Ok(GatedTrack {
-        pairs,
-        edge_log_likelihood: at_center - 0.5 * full,
-    })
+    Ok(pairs)
 }
 
-fn whiten(prediction: &MeasurementPrediction, innovation: &DVector<f64>) -> Result<WhitenedInnovation> {
-    if innovation.iter().all(|r| !r.is_nan()) {
-        return Ok(prediction.whiten(innovation));
+/// The gate of one track after another, in memory that serves them all.
+#[derive(Debug)]
+pub(crate) struct Gating {
+    thresholds: Vec<f64>,
+    half_widths: Vec<f64>,
+    innovation: Vec<f64>,
+    whitened: Vec<f64>,
+    /// ln det S, once a pair needs it.
+    log_determinant: Option<f64>,
+}
+
+impl Gating {
+    /// With the thresholds of a [`Gate`].
+    pub(crate) fn new(thresholds: Vec<f64>) -> Self {
+        let dims = thresholds.len().saturating_sub(1);
+        Self {
+            thresholds,
+            half_widths: vec![0.0; dims],
+            innovation: vec![0.0; dims],
+            whitened: vec![0.0; dims],
+            log_determinant: None,
+        }
     }
-    let observed: Vec<usize> = (0..innovation.len()).filter(|&i| !innovation[i].is_nan()).collect();
-    let part = prediction.select(&observed)?;
-    Ok(part.whiten(&innovation.select_rows(&observed)))
+
+    /// Turns to a track.
+    pub(crate) fn look(&mut self, expected: &Linearised) {
+        let full = self.thresholds.last().copied().unwrap_or(0.0);
+        let (cov, m) = (expected.prediction.cov().as_slice(), self.half_widths.len());
+        for (i, width) in self.half_widths.iter_mut().enumerate() {
+            *width = (full * cov[i * m + i]).sqrt();
+        }
+        self.log_determinant = None;
+    }
+
+    /// How far the box around the gate reaches, component by component.
+    pub(crate) fn half_widths(&self) -> &[f64] {
+        &self.half_widths
+    }
+
+    /// ln N on the edge of the gate of that track.
+    pub(crate) fn edge_log_likelihood(&mut self, expected: &Linearised) -> f64 {
+        self.log_likelihood(expected, 0.0) - 0.5 * self.thresholds.last().copied().unwrap_or(0.0)
+    }
+
+    fn log_likelihood(&mut self, expected: &Linearised, nis: f64) -> f64 {
+        let prediction = &expected.prediction;
+        let determinant = *self.log_determinant.get_or_insert_with(|| prediction.log_determinant());
+        prediction.log_likelihood_of(nis, determinant)
+    }
+
+    /// Adds the pair of that track and this report, if the gate holds it.
+    #[inline]
+    pub(crate) fn try_pair(
+        &mut self,
+        expected: &Linearised,
+        sensor: &dyn Sensor,
+        report: usize,
+        measured: &[f64],
+        pairs: &mut Vec<GatedPair>,
+    ) -> Result<()> {
+        residual_into(sensor, measured, expected.expected.as_slice(), &mut self.innovation);
+        let (innovation, m) = (&self.innovation, self.innovation.len());
+        // The full-dimensional threshold is the largest, and a NaN never exceeds it.
+        if innovation.iter().zip(&self.half_widths).any(|(r, w)| r.abs() > *w) {
+            return Ok(());
+        }
+        let prediction = &expected.prediction;
+        if innovation.iter().any(|r| r.is_nan()) {
+            let observed: Vec<usize> = (0..m).filter(|&i| !innovation[i].is_nan()).collect();
+            let values: Vec<f64> = observed.iter().map(|&i| innovation[i]).collect();
+            let white = prediction.select(&observed)?.whiten(&DVector::from_vec(values));
+            if white.nis <= self.thresholds[white.dof] {
+                pairs.push(GatedPair {
+                    report,
+                    nis: white.nis,
+                    log_likelihood: white.log_likelihood,
+                    log_density: white.log_likelihood + unobserved(prediction, &white),
+                });
+            }
+            return Ok(());
+        }
+        let nis = prediction.nis(innovation, &mut self.whitened);
+        if nis <= self.thresholds[m] {
+            let log_likelihood = self.log_likelihood(expected, nis);
+            pairs.push(GatedPair {
+                report,
+                nis,
+                log_likelihood,
+                log_density: log_likelihood,
+            });
+        }
+        Ok(())
+    }
 }
 
 /// ln ∫ N² of the k components that were not observed, given the others: −½ (k ln 4π + ln det S − ln det S_observed).
 fn unobserved(prediction: &MeasurementPrediction, white: &WhitenedInnovation) -> f64 {
     let missing = prediction.cov().nrows() - white.dof;
-    if missing == 0 {
-        return 0.0;
-    }
     // The determinant of the observed part is in its likelihood.
     let log_determinant = -2.0 * white.log_likelihood - white.nis - white.dof as f64 * LN_TAU;
     -0.5 * (missing as f64 * (LN_TAU + LN_2) + prediction.log_determinant() - log_determinant)
@@ -142,6 +205,7 @@ fn unobserved(prediction: &MeasurementPrediction, white: &WhitenedInnovation) ->
 mod tests {
     use super::*;
     use crate::filter::extended::{Rule, linearise, update};
+    use crate::gaussian::Gaussian;
     use crate::model::sensor::RangeBearing;
     use nalgebra::DMatrix;
 
@@ -164,11 +228,7 @@ mod tests {
             reports.push(DVector::from_vec(vec![300.0 + 5.0 * f64::from(i), f64::NAN]));
         }
         let thresholds = Gate::new(0.9).unwrap().thresholds(2).unwrap();
-        let track = Expectation {
-            linearised: linearise(&prior, &radar, None).unwrap(),
-            prior: prior.clone(),
-        };
-        let gated = gate(&track, &radar, &reports, &thresholds).unwrap();
+        let gated = gate(&linearise(&prior, &radar, None).unwrap(), &radar, &reports, &thresholds).unwrap();
         let mut expected = Vec::new();
         for (report, measured) in reports.iter().enumerate() {
             let update = update(&prior, &radar, measured, None, Rule::Once).unwrap();
@@ -176,11 +236,7 @@ mod tests {
                 expected.push((report, update.nis, update.log_likelihood));
             }
         }
-        let found: Vec<_> = gated
-            .pairs
-            .iter()
-            .map(|p| (p.report, p.nis, p.log_likelihood))
-            .collect();
+        let found: Vec<_> = gated.iter().map(|p| (p.report, p.nis, p.log_likelihood)).collect();
         assert_eq!(found, expected);
         assert!(found.len() > 50 && found.len() < reports.len() / 2, "{}", found.len());
     }

@@ -2,6 +2,7 @@
 //!
 //! Sums go row by row and from the first column to the last, as those of [`super::kernel`] do.
 
+use super::fixed::add_scaled;
 use super::kernel::{accumulate, combine};
 
 /// The numbers of a matrix that are not zero, row by row, for one that is used again and again.
@@ -13,11 +14,21 @@ pub(crate) struct Sparse {
     entries: Vec<(usize, f64)>,
     /// Columns up to the last that had a number so far: those behind it are only looked over.
     width: usize,
+    /// The matrix, and the length of its rows.
+    matrix: Vec<f64>,
+    n: usize,
 }
 
 impl Sparse {
     /// Takes over a matrix of rows of length n.
     pub(crate) fn set(&mut self, n: usize, matrix: &[f64]) {
+        // Most matrices are set again as they were. A NaN differs from itself, and the zeros of both signs are left out.
+        if self.n == n && self.matrix == matrix {
+            return;
+        }
+        self.n = n;
+        self.matrix.clear();
+        self.matrix.extend_from_slice(matrix);
         let rows = matrix.chunks_exact(n.max(1));
         let any = |numbers: &[f64]| numbers.iter().fold(0, |bits, x| bits | x.to_bits() << 1) != 0;
         while self.width < n && rows.clone().any(|row| any(&row[self.width..])) {
@@ -142,6 +153,29 @@ impl UnitUpper {
             for j in 0..=i {
                 let sum = out[i * n + j] + c[i * n + j];
                 (out[i * n + j], out[j * n + i]) = (sum, sum);
+            }
+        }
+    }
+
+    /// B becomes A B Aᵀ + C, as in [`Self::congruence`].
+    #[inline(always)]
+    pub(crate) fn congruence_in_place<const N: usize>(&self, b: &mut [[f64; N]; N], c: &[[f64; N]; N]) {
+        for &(i, k, factor) in &self.above {
+            let from = b[k];
+            add_scaled(&mut b[i], factor, &from);
+        }
+        for &(j, k, factor) in &self.above {
+            assert!(j < N && k < N, "a place in the matrix");
+            for row in b.iter_mut() {
+                row[j] += factor * row[k];
+            }
+        }
+        for i in 0..N {
+            for j in 0..N {
+                if j <= i {
+                    let sum = b[i][j] + c[i][j];
+                    (b[i][j], b[j][i]) = (sum, sum);
+                }
             }
         }
     }

@@ -56,9 +56,16 @@ impl Stack {
     }
 
     /// Adds one, given row by row.
+    #[inline]
     pub fn push(&mut self, matrix: &[f64]) {
         debug_assert_eq!(matrix.len(), self.size());
         self.values.extend_from_slice(matrix);
+    }
+
+    /// Adds several, given one after the other, each row by row.
+    pub fn append(&mut self, matrices: &[f64]) {
+        debug_assert_eq!(matrices.len() % self.size().max(1), 0);
+        self.values.extend_from_slice(matrices);
     }
 
     /// Adds one.

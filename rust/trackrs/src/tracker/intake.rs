@@ -92,7 +92,10 @@ impl Intake {
             Ok(sensor) => {
                 let rows = self.usable_rows(scan, sensor.measurement_dim(), needs)?;
                 self.ledger.used += rows.len() as u64;
-                self.last_scans.insert(scan.sensor.clone(), scan.clone());
+                match self.last_scans.get_mut(&scan.sensor) {
+                    Some(last) => last.copy_from(scan),
+                    None => drop(self.last_scans.insert(scan.sensor.clone(), scan.clone())),
+                }
                 Ok(Some(rows))
             }
         }

@@ -12,12 +12,11 @@
 //! 3. A scan is a hit where it is more likely than not that one of its reports is the track's.
 //! 4. With existence (JIPDA), β is conditional on it, and a report is explained by Σ_i r_i β_ij.
 
-use nalgebra::DVector;
-
 use super::live::LiveTrack;
 use super::look::{Look, Taker};
 use super::multi_target::MultiTargetTracker;
-use crate::association::associator::{Association, Associator, Shares};
+use super::workspace::{Bench, Member};
+use crate::association::associator::{Association, Associator};
 use crate::association::existence::{Prospect, joint_existence};
 use crate::association::jpda::{approximation, candidates};
 use crate::association::marginals::Options;
@@ -25,9 +24,9 @@ use crate::association::odds::Odds;
 use crate::error::Result;
 use crate::event::EventCode;
 use crate::filter::mixture::{Hypothesis, moment_match};
-use crate::gating::mahalanobis::{Expectation, GatedTrack, gate};
+use crate::gating::mahalanobis::GatedTrack;
 use crate::gaussian::Gaussian;
-use crate::model::{Motion, Sensor};
+use crate::model::Motion;
 
 /// P_D P_G of a track that surely exists must leave room for a scan in which it is not seen.
 const MOST_SEEN: f64 = 1.0 - 1e-12;
@@ -41,158 +40,183 @@ pub(super) enum Group {
 }
 
 impl Group {
-    /// The tracks that it holds, leaving out what has lost its numbers.
-    pub(super) fn members(self, tracks: &[LiveTrack]) -> Vec<usize> {
-        let holds = |track: &LiveTrack| match self {
+    /// Whether it holds a track.
+    pub(super) fn holds(self, track: &LiveTrack) -> bool {
+        match self {
             Self::Confirmed => track.id.is_some(),
             Self::Tentative => track.id.is_none(),
             Self::All => true,
-        };
-        let numbered = tracks.iter().enumerate();
-        let members = numbered.filter(|(_, track)| holds(track) && track.is_finite());
-        members.map(|(index, _)| index).collect()
+        }
     }
 }
 
-/// A track seen by the sensor of a scan.
-struct Member {
-    track: usize,
-    /// What it expects at every epoch with reports.
-    expectations: Vec<Expectation>,
-    gated: GatedTrack,
-    /// Epoch of each gated pair.
-    epochs: Vec<usize>,
+/// The predictions of every track to every epoch of a scan; where there is one epoch, the tracks themselves.
+pub(super) struct Priors(pub(super) Vec<Vec<Gaussian>>);
+
+impl Priors {
+    fn of<'a>(&'a self, track: usize, epoch: usize, live: &'a LiveTrack) -> &'a Gaussian {
+        self.0.get(track).map_or(&live.state, |priors| &priors[epoch])
+    }
+}
+
+impl Bench {
+    /// Puts the reports of a scan in order.
+    pub(super) fn sort(&mut self, look: &Look) {
+        self.sweeps.resize_with(look.epochs.len(), Default::default);
+        for (epoch, sweep) in self.sweeps.iter_mut().enumerate() {
+            sweep.set(
+                &look.sensor,
+                look.rows_of(epoch).map(|row| (row, look.rows[row].value.as_slice())),
+            );
+        }
+    }
+
+    /// Gates a track with the reports that no other has taken.
+    fn compare(&mut self, track: usize, live: &LiveTrack, priors: &Priors, look: &Look) -> Result<()> {
+        let from = self.pairs.len();
+        let first = self.next_slot;
+        let mut edge_log_likelihood = f64::NEG_INFINITY;
+        let several = look.epochs.len() > 1;
+        for epoch in 0..look.epochs.len() {
+            let slot = first + epoch;
+            self.gate_reports(slot, several, priors.of(track, epoch, live), epoch, look)?;
+            self.epochs.resize(self.pairs.len(), epoch);
+            if self.pairs.len() > from && epoch + 1 == look.epochs.len() {
+                edge_log_likelihood = self.edge_log_likelihood(slot);
+            }
+        }
+        let any = self.pairs.len() > from;
+        self.members.push(Member {
+            track,
+            slot: first,
+            pairs: (from, self.pairs.len()),
+            edge_log_likelihood,
+        });
+        // What is expected of a track without a report is not needed again.
+        self.next_slot += if any { look.epochs.len() } else { 0 };
+        Ok(())
+    }
+
+    fn gated(&self) -> Vec<GatedTrack<'_>> {
+        let gated = |member: &Member| GatedTrack {
+            pairs: &self.pairs[member.pairs.0..member.pairs.1],
+            edge_log_likelihood: member.edge_log_likelihood,
+        };
+        self.members.iter().map(gated).collect()
+    }
 }
 
 impl MultiTargetTracker {
-    /// Gives reports to the tracks of a group and updates them. `priors` holds, track by track, the predictions to every
-    /// epoch of the scan.
-    pub(super) fn associate(&mut self, look: &mut Look, priors: &[Vec<Gaussian>], group: Group) -> Result<()> {
-        let epochs = look.epochs();
-        let open: Vec<usize> = (0..look.rows.len())
-            .filter(|&row| look.fates[row].taker.is_none())
-            .collect();
-        let mut members = Vec::new();
-        for track in group.members(&self.tracks) {
-            match self.compare(look, &priors[track], &epochs, &open) {
-                Ok(member) => members.push(Member { track, ..member }),
-                Err(error) => self
-                    .intake
-                    .record(look.scan, EventCode::TrackSkipped, None, &error.to_string())?,
+    /// Gives reports to the tracks of a group and updates them.
+    pub(super) fn associate(
+        &mut self,
+        look: &mut Look,
+        bench: &mut Bench,
+        priors: &Priors,
+        group: Group,
+    ) -> Result<()> {
+        bench.clear();
+        for track in 0..self.tracks.len() {
+            let live = &self.tracks[track];
+            if !group.holds(live) {
+                continue;
+            }
+            let before = bench.pairs.len();
+            if let Err(error) = bench.compare(track, live, priors, look) {
+                bench.pairs.truncate(before);
+                bench.epochs.truncate(before);
+                self.intake
+                    .record(look.scan, EventCode::TrackSkipped, None, &error.to_string())?;
             }
         }
         let odds = self.config.odds(&look.scan.sensor);
+        let reports = look.rows.len();
         let association = match self.config.associator {
             Associator::Jipda { coalescence_free } => {
-                self.with_existence(&members, look, open.len(), &odds, coalescence_free)?
+                self.with_existence(bench, look, reports, &odds, coalescence_free)?
             }
-            associator => {
-                let gated: Vec<GatedTrack> = members.iter().map(|member| member.gated.clone()).collect();
-                associator.associate(&gated, open.len(), &odds)?
-            }
+            associator => associator.associate(&bench.gated(), reports, &odds)?,
         };
         if let Some(how) = &association.approximation {
             self.intake.record(look.scan, EventCode::Approximated, None, how)?;
         }
-        for (member, shares) in members.iter().zip(&association.tracks) {
-            let state = self.mixture(member, shares, &epochs)?;
-            self.hit_or_miss(look, &open, member, shares);
-            let time = look.scan.time;
-            self.tracks[member.track].update(state, time);
+        let members = std::mem::take(&mut bench.members);
+        for (member, &missed) in members.iter().zip(&association.missed) {
+            let shares = &association.pairs[member.pairs.0..member.pairs.1];
+            self.merge(look, bench, member, missed, shares, priors)?;
+            self.hit_or_miss(look, bench, member, shares);
         }
-        explain(look, &open, &members, &association.tracks, &self.tracks);
+        explain(look, bench, &members, &association.pairs, &self.tracks);
+        bench.members = members;
         Ok(())
-    }
-
-    fn compare(&self, look: &Look, priors: &[Gaussian], epochs: &[f64], open: &[usize]) -> Result<Member> {
-        let thresholds = self.config.gate.thresholds(look.sensor.measurement_dim())?;
-        let mut member = Member {
-            track: 0,
-            expectations: Vec::with_capacity(epochs.len()),
-            gated: GatedTrack::default(),
-            epochs: Vec::new(),
-        };
-        let mut before = 0;
-        for (epoch, (&time, prior)) in epochs.iter().zip(priors).enumerate() {
-            let reports: Vec<DVector<f64>> = open[before..]
-                .iter()
-                .map(|&row| &look.rows[row])
-                .take_while(|row| row.time <= time)
-                .map(|row| row.value.clone())
-                .collect();
-            let expectation = Expectation {
-                linearised: self.config.filter.expect(prior, &look.sensor, look.platform.as_ref())?,
-                prior: prior.clone(),
-            };
-            let mut gated = gate(&expectation, &look.sensor, &reports, &thresholds)?;
-            for pair in &mut gated.pairs {
-                pair.report += before;
-            }
-            member.epochs.resize(member.epochs.len() + gated.pairs.len(), epoch);
-            member.gated.pairs.append(&mut gated.pairs);
-            member.gated.edge_log_likelihood = gated.edge_log_likelihood;
-            member.expectations.push(expectation);
-            before += reports.len();
-        }
-        Ok(member)
     }
 
     /// JIPDA: existence changes with what the scan says, and the shares are those given existence.
     fn with_existence(
         &mut self,
-        members: &[Member],
+        bench: &Bench,
         look: &Look,
         reports: usize,
         odds: &Odds,
         coalescence_free: bool,
     ) -> Result<Association> {
-        let prospect = |member: &Member| {
+        let prospect = |(member, gated): (&Member, &GatedTrack)| {
             let track = &self.tracks[member.track];
             // A sensor that has never seen a track says nothing about it by not seeing it.
             let seen = track.windows[look.sensor_index].seen();
             Prospect {
                 existence: track.existence.unwrap_or(1.0),
                 detection: if seen { odds.seen().min(MOST_SEEN) } else { 0.0 },
-                candidates: candidates(&member.gated, odds).collect(),
+                candidates: candidates(gated, odds).collect(),
             }
         };
-        let prospects: Vec<Prospect> = members.iter().map(prospect).collect();
+        let prospects: Vec<Prospect> = bench.members.iter().zip(&bench.gated()).map(prospect).collect();
         let options = Options {
             prune: coalescence_free,
             ..Options::default()
         };
         let found = joint_existence(&prospects, reports, &options)?;
-        let mut tracks = Vec::with_capacity(members.len());
-        for (member, existing) in members.iter().zip(found.tracks) {
-            self.tracks[member.track].existence = Some(existing.existence);
-            tracks.push(Shares {
-                missed: existing.missed,
-                pairs: existing.candidates,
-            });
-        }
-        Ok(Association {
-            tracks,
+        let mut association = Association {
             approximation: approximation(found.method, found.error_bound),
-        })
+            ..Association::default()
+        };
+        for (member, existing) in bench.members.iter().zip(found.tracks) {
+            self.tracks[member.track].existence = Some(existing.existence);
+            association.push(existing.missed, existing.candidates);
+        }
+        Ok(association)
     }
 
-    /// The hypotheses of one track at the scan's time, merged.
-    fn mixture(&self, member: &Member, shares: &Shares, epochs: &[f64]) -> Result<Gaussian> {
-        let prior = &self.tracks[member.track].state;
+    /// Merges the hypotheses of one track at the scan's time.
+    fn merge(
+        &mut self,
+        look: &Look,
+        bench: &mut Bench,
+        member: &Member,
+        missed: f64,
+        shares: &[f64],
+        priors: &Priors,
+    ) -> Result<()> {
+        let (epochs, now) = (&look.epochs, look.epochs.len() - 1);
+        let count = shares.iter().filter(|&&share| share > 0.0).count();
         let mut hypotheses = Vec::new();
-        if shares.missed > 0.0 {
+        if count > 0 && missed > 0.0 {
             hypotheses.push(Hypothesis {
-                weight: shares.missed,
-                state: prior.clone(),
+                weight: missed,
+                state: self.tracks[member.track].state.clone(),
             });
         }
-        for (slot, (&weight, &epoch)) in shares.pairs.iter().zip(&member.epochs).enumerate() {
-            if weight <= 0.0 {
-                continue;
+        for (slot, &weight) in shares.iter().enumerate().filter(|(_, share)| **share > 0.0) {
+            let (pair, epoch) = (bench.pairs[member.pairs.0 + slot], bench.epochs[member.pairs.0 + slot]);
+            let live = &mut self.tracks[member.track];
+            let prior = priors.of(member.track, epoch, live);
+            let measured = look.rows[pair.report].value.as_slice();
+            bench.update(member.slot + epoch, prior, &look.sensor, measured)?;
+            if epoch == now && count == 1 && hypotheses.is_empty() {
+                live.update_from(&bench.posterior, look.scan.time);
+                return Ok(());
             }
-            let Expectation { prior, linearised } = &member.expectations[epoch];
-            let innovation = &member.gated.pairs[slot].innovation;
-            let mut state = linearised.prediction.update(prior, innovation)?.posterior;
+            let mut state = bench.posterior.clone();
             for step in epochs[epoch..].windows(2) {
                 state = self
                     .config
@@ -202,49 +226,51 @@ impl MultiTargetTracker {
             hypotheses.push(Hypothesis { weight, state });
         }
         let space = self.config.motion.space();
-        Ok(moment_match(&space, &hypotheses).unwrap_or_else(|| prior.clone()))
+        let live = &mut self.tracks[member.track];
+        match moment_match(&space, &hypotheses) {
+            Some(state) => live.update_from(&state, look.scan.time),
+            None => live.update_stays(look.scan.time),
+        }
+        Ok(())
     }
 
-    fn hit_or_miss(&mut self, look: &Look, open: &[usize], member: &Member, shares: &Shares) {
+    fn hit_or_miss(&mut self, look: &Look, bench: &Bench, member: &Member, shares: &[f64]) {
         let track = &mut self.tracks[member.track];
-        let hit = shares.pairs.iter().sum::<f64>() >= 0.5;
+        let hit = shares.iter().sum::<f64>() >= 0.5;
         track.windows[look.sensor_index].push(hit);
-        let likeliest = (0..shares.pairs.len()).max_by(|&a, &b| shares.pairs[a].total_cmp(&shares.pairs[b]));
+        let likeliest = (0..shares.len()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
         let Some(slot) = likeliest.filter(|_| hit) else {
             return;
         };
-        let row = open[member.gated.pairs[slot].report];
-        track.last_hit = look.rows[row].time;
-        track.hits += 1;
-        if let Some(position) = &look.positions[row] {
-            track.start.add(position.mean.as_slice());
-        }
+        track.hit_by(look, bench.pairs[member.pairs.0 + slot].report);
     }
 }
 
 /// Books which track is the likeliest origin of each report, and how likely it is that some track is.
-fn explain(look: &mut Look, open: &[usize], members: &[Member], tracks: &[Shares], live: &[LiveTrack]) {
-    let mut largest = vec![0.0; open.len()];
-    let mut taker: Vec<Option<Taker>> = vec![None; open.len()];
-    for (member, shares) in members.iter().zip(tracks) {
+fn explain(look: &mut Look, bench: &Bench, members: &[Member], shares: &[f64], live: &[LiveTrack]) {
+    let mut largest = vec![0.0; look.rows.len()];
+    let mut taker: Vec<Option<Taker>> = vec![None; look.rows.len()];
+    for member in members {
         let track = &live[member.track];
-        for (pair, &share) in member.gated.pairs.iter().zip(&shares.pairs) {
-            let fate = &mut look.fates[open[pair.report]];
+        for index in member.pairs.0..member.pairs.1 {
+            let report = bench.pairs[index].report;
+            let fate = &mut look.fates[report];
             let confirmed = track.id.is_some();
             fate.near_confirmed |= confirmed;
-            let weight = share * track.existence.unwrap_or(1.0);
+            let weight = shares[index] * track.existence.unwrap_or(1.0);
             fate.explained += weight;
-            if weight > largest[pair.report] {
-                largest[pair.report] = weight;
-                taker[pair.report] = Some(Taker {
+            if weight > largest[report] {
+                largest[report] = weight;
+                taker[report] = Some(Taker {
                     track: member.track,
                     confirmed,
                 });
             }
         }
     }
-    for (&row, taker) in open.iter().zip(taker) {
-        let fate = &mut look.fates[row];
-        fate.taker = taker.filter(|_| fate.explained >= 0.5);
+    for (fate, taker) in look.fates.iter_mut().zip(taker) {
+        if fate.taker.is_none() {
+            fate.taker = taker.filter(|_| fate.explained >= 0.5);
+        }
     }
 }

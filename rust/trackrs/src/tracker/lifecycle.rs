@@ -236,55 +236,115 @@ impl Window {
 
 /// Where a track began: the median of its first three reports, so that one stray report does not make it move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(from = "SavedStart", into = "SavedStart")]
 pub struct Start {
+    dims: usize,
+    /// Their positions, one after the other.
+    reports: Vec<f64>,
+}
+
+/// What is saved of it: report by report.
+#[derive(Serialize, Deserialize)]
+struct SavedStart {
     reports: Vec<Vec<f64>>,
+}
+
+impl From<Start> for SavedStart {
+    fn from(start: Start) -> Self {
+        let reports = start.reports.chunks_exact(start.dims.max(1)).map(<[f64]>::to_vec);
+        Self {
+            reports: reports.collect(),
+        }
+    }
+}
+
+impl From<SavedStart> for Start {
+    fn from(saved: SavedStart) -> Self {
+        let dims = saved.reports.first().map_or(0, Vec::len);
+        let whole = saved.reports.iter().filter(|report| report.len() == dims);
+        Self {
+            dims,
+            reports: whole.flatten().copied().collect(),
+        }
+    }
 }
 
 impl Start {
     /// A track begun by a report at this position.
     pub fn new(position: &[f64]) -> Self {
         Self {
-            reports: vec![position.to_vec()],
+            dims: position.len(),
+            reports: position.to_vec(),
         }
+    }
+
+    /// Begins anew with a report at this position.
+    pub(super) fn reset(&mut self, position: &[f64]) {
+        self.dims = position.len();
+        self.reports.clear();
+        self.reports.extend_from_slice(position);
+    }
+
+    /// Whether further reports count.
+    pub fn is_open(&self) -> bool {
+        self.reports.len() < 3 * self.dims
     }
 
     /// Takes in the position of a further report; only the first three count.
     pub fn add(&mut self, position: &[f64]) {
-        if self.reports.len() < 3 {
-            self.reports.push(position.to_vec());
+        if self.is_open() {
+            self.reports.extend_from_slice(&position[..self.dims]);
         }
     }
 
     /// The median of each coordinate.
     pub fn position(&self) -> DVector<f64> {
         let median = |axis: usize| {
-            let mut values: Vec<f64> = self.reports.iter().map(|report| report[axis]).collect();
+            let mut values = [0.0; 3];
+            let coordinates = self.reports.iter().skip(axis).step_by(self.dims.max(1));
+            let mut count = 0;
+            for (value, &x) in values.iter_mut().zip(coordinates) {
+                *value = x;
+                count += 1;
+            }
+            let values = &mut values[..count];
             values.sort_by(f64::total_cmp);
-            f64::midpoint(values[(values.len() - 1) / 2], values[values.len() / 2])
+            f64::midpoint(values[(count - 1) / 2], values[count / 2])
         };
-        DVector::from_iterator(self.reports[0].len(), (0..self.reports[0].len()).map(median))
+        DVector::from_iterator(self.dims, (0..self.dims).map(median))
     }
 }
 
 /// A state of which only the position is known, or position and velocity: the rest is 0, and as uncertain as the speed
 /// bound leaves it.
 pub fn start_state(known: &Gaussian, motion: &dyn Motion, max_speed: f64) -> Gaussian {
-    let dims = motion.position_dims();
     let n = motion.state_dim();
-    let m = known.dim();
-    let mut mean = DVector::zeros(n);
-    mean.rows_mut(0, m).copy_from(&known.mean);
-    let mut cov = DMatrix::zeros(n, n);
+    let mut out = Gaussian {
+        mean: DVector::zeros(n),
+        cov: DMatrix::zeros(n, n),
+    };
+    start_state_into(known, motion, max_speed, &mut out);
+    out
+}
+
+/// The same in the memory of a state.
+pub(super) fn start_state_into(known: &Gaussian, motion: &dyn Motion, max_speed: f64, out: &mut Gaussian) {
+    let (dims, n, m) = (motion.position_dims(), motion.state_dim(), known.dim());
+    let (mean, cov) = (out.mean.as_mut_slice(), out.cov.as_mut_slice());
+    mean.fill(0.0);
+    mean[..m].copy_from_slice(known.mean.as_slice());
+    cov.fill(0.0);
+    for (i, column) in known.cov.as_slice().chunks_exact(m.max(1)).enumerate() {
+        cov[i * n..i * n + m].copy_from_slice(column);
+    }
     for i in m..n {
         let std = if i < 2 * dims {
             max_speed / 2.0
         } else {
             max_speed / 10.0
         };
-        cov[(i, i)] = std * std;
+        cov[i * n + i] = std * std;
     }
-    cov.view_mut((0, 0), (m, m)).copy_from(&known.cov);
-    Gaussian { mean, cov }
 }
 
 /// Whether the windows satisfy M of N.
@@ -299,8 +359,8 @@ pub fn hopeless(windows: &[Window], rule: &MofN) -> bool {
 
 /// Whether a confirmed track ends; `idle` is the time since its last hit, seconds.
 pub fn ended(windows: &[Window], idle: f64, rule: &Deletion) -> bool {
-    let seen: Vec<&Window> = windows.iter().filter(|w| w.seen()).collect();
-    let missed = !seen.is_empty() && seen.iter().all(|w| w.misses >= rule.max_misses);
+    let mut seen = windows.iter().filter(|w| w.seen()).peekable();
+    let missed = seen.peek().is_some() && seen.all(|w| w.misses >= rule.max_misses);
     missed || rule.max_time.is_some_and(|limit| idle > limit)
 }
 

@@ -1,10 +1,12 @@
 //! A track inside the tracker, and when it is predicted from where.
 
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::lifecycle::{Start, Window};
-use super::moments::TrackFilter;
+use super::look::Look;
 use crate::error::Result;
+use crate::filter::prediction::{Course, Prediction};
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, MotionModel};
 
@@ -35,32 +37,90 @@ pub(super) struct Stored {
 }
 
 impl LiveTrack {
-    /// The estimate at time `to`, the track standing at `from`.
-    pub(super) fn ahead(&self, filter: TrackFilter, motion: &MotionModel, from: f64, to: f64) -> Result<Gaussian> {
-        match &self.stored {
-            Some(stored) => filter.predict(&stored.state, motion, to - stored.time),
-            None => filter.predict(&self.state, motion, to - from),
+    /// Memory for a track.
+    pub(super) fn blank(n: usize) -> Self {
+        Self {
+            id: None,
+            state: Gaussian {
+                mean: DVector::zeros(n),
+                cov: DMatrix::zeros(n, n),
+            },
+            stored: None,
+            start: Start::new(&[]),
+            born: 0.0,
+            windows: Vec::new(),
+            last_hit: 0.0,
+            hits: 0,
+            existence: None,
         }
+    }
+
+    /// Predicts the estimate from one time to another.
+    pub(super) fn advance(
+        &mut self,
+        prediction: &mut Prediction,
+        motion: &MotionModel,
+        from: f64,
+        to: f64,
+    ) -> Result<()> {
+        let (prior, dt) = match &self.stored {
+            Some(stored) => (&stored.state, to - stored.time),
+            None => (&self.state, to - from),
+        };
+        let course = Course {
+            motion,
+            dt,
+            input: None,
+            noise: None,
+        };
+        prediction.predict(prior, None, &course)?;
+        copy(&prediction.state, &mut self.state);
+        Ok(())
     }
 
     /// Takes over the estimate after an update at this time.
-    pub(super) fn update(&mut self, state: Gaussian, time: f64) {
+    pub(super) fn update_from(&mut self, state: &Gaussian, time: f64) {
+        copy(state, &mut self.state);
+        self.update_stays(time);
+    }
+
+    /// The same where the estimate stays what it is.
+    pub(super) fn update_stays(&mut self, time: f64) {
         if let Some(stored) = &mut self.stored {
-            *stored = Stored {
-                time,
-                state: state.clone(),
-            };
+            stored.time = time;
+            copy(&self.state, &mut stored.state);
         }
-        self.state = state;
+    }
+
+    /// Books that a report of a scan is its own.
+    pub(super) fn hit_by(&mut self, look: &Look, row: usize) {
+        self.last_hit = look.rows[row].time;
+        self.hits += 1;
+        if self.start.is_open()
+            && let Some(position) = look.position(row)
+        {
+            self.start.add(position.mean.as_slice());
+        }
     }
 
     pub(super) fn is_finite(&self) -> bool {
-        let numbers = self.state.mean.iter().chain(self.state.cov.iter());
-        numbers.chain(&self.existence).all(|v| v.is_finite())
+        // Without a branch, so that several numbers are looked at at once.
+        let all = |numbers: &[f64]| numbers.iter().fold(true, |all, v| all & v.is_finite());
+        all(self.state.mean.as_slice()) && all(self.state.cov.as_slice()) && self.existence.is_none_or(f64::is_finite)
     }
 
     /// Its position, from the leading components of the state.
-    pub(super) fn position(&self, motion: &MotionModel) -> nalgebra::DVector<f64> {
-        self.state.mean.rows(0, motion.position_dims()).into_owned()
+    pub(super) fn position(&self, motion: &MotionModel) -> &[f64] {
+        &self.state.mean.as_slice()[..motion.position_dims()]
     }
+}
+
+fn copy(from: &Gaussian, to: &mut Gaussian) {
+    to.mean.as_mut_slice().copy_from_slice(from.mean.as_slice());
+    to.cov.as_mut_slice().copy_from_slice(from.cov.as_slice());
+}
+
+/// The distance of two points.
+pub(super) fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }

@@ -1,5 +1,7 @@
 //! One scan while the tracker works on it, and what becomes of its reports.
 
+use std::ops::Range;
+
 use nalgebra::DVector;
 
 use crate::gaussian::Gaussian;
@@ -7,6 +9,7 @@ use crate::model::{Sensor, SensorModel};
 use crate::scan::Scan;
 
 /// A report that takes part.
+#[derive(Clone, Copy)]
 pub(super) struct Row<'a> {
     pub(super) time: f64,
     pub(super) value: &'a DVector<f64>,
@@ -20,19 +23,18 @@ pub(super) struct Look<'a> {
     pub(super) platform: Option<DVector<f64>>,
     /// In the order of their times.
     pub(super) rows: Vec<Row<'a>>,
-    /// Where each report lies, where its sensor can tell.
-    pub(super) positions: Vec<Option<Gaussian>>,
+    /// The times at which there are reports, increasing, and at the end that of the scan.
+    pub(super) epochs: Vec<f64>,
     pub(super) fates: Vec<Fate>,
 }
 
 impl<'a> Look<'a> {
     pub(super) fn new(scan: &'a Scan, sensor_index: usize, sensor: SensorModel, rows: Vec<Row<'a>>) -> Self {
         let platform = scan.platform.as_ref().map(|p| DVector::from_row_slice(p));
+        let mut epochs: Vec<f64> = rows.iter().map(|row| row.time).chain([scan.time]).collect();
+        epochs.dedup();
         Self {
-            positions: rows
-                .iter()
-                .map(|row| sensor.locate(row.value, platform.as_ref()))
-                .collect(),
+            epochs,
             fates: vec![Fate::default(); rows.len()],
             scan,
             sensor,
@@ -42,12 +44,16 @@ impl<'a> Look<'a> {
         }
     }
 
-    /// The times at which there are reports, increasing, and at the end that of the scan.
-    pub(super) fn epochs(&self) -> Vec<f64> {
-        let mut out: Vec<f64> = self.rows.iter().map(|row| row.time).collect();
-        out.push(self.scan.time);
-        out.dedup();
-        out
+    /// The rows of an epoch.
+    pub(super) fn rows_of(&self, epoch: usize) -> Range<usize> {
+        let time = self.epochs[epoch];
+        let from = self.rows.partition_point(|row| row.time < time);
+        from..from + self.rows[from..].partition_point(|row| row.time <= time)
+    }
+
+    /// Where a report lies, where its sensor can tell.
+    pub(super) fn position(&self, row: usize) -> Option<Gaussian> {
+        self.sensor.locate(self.rows[row].value, self.platform.as_ref())
     }
 }
 

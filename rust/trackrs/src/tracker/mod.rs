@@ -13,3 +13,4 @@ pub mod phd;
 mod population;
 mod sequential;
 mod two_point;
+mod workspace;

@@ -1,14 +1,13 @@
-//! How a tracker predicts its tracks and what it expects a sensor to report of them: by the rules of the filters.
+//! How a tracker finds the moments of its tracks: by the rules of the filters.
 
-use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
-use crate::filter::extended::{Linearised, Rule, expect};
+use crate::filter::extended::Rule;
 use crate::filter::kalman::predict_by;
 use crate::filter::sigma_points::SigmaPoints;
 use crate::gaussian::Gaussian;
-use crate::model::{Motion, Sensor};
+use crate::model::Motion;
 
 /// The filter of every track. For linear models all of them are the Kalman filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -34,15 +33,5 @@ impl TrackFilter {
     /// The estimate `dt` seconds later.
     pub(super) fn predict(self, prior: &Gaussian, motion: &dyn Motion, dt: f64) -> Result<Gaussian> {
         predict_by(self.rule(), prior, motion, dt, None)
-    }
-
-    /// What the sensor should report of the estimate.
-    pub(super) fn expect(
-        self,
-        prior: &Gaussian,
-        sensor: &dyn Sensor,
-        platform: Option<&DVector<f64>>,
-    ) -> Result<Linearised> {
-        expect(prior, sensor, platform, self.rule())
     }
 }

@@ -19,19 +19,19 @@ use serde::{Deserialize, Serialize};
 use super::clutter_map::ClutterMapState;
 use super::config::TrackerConfig;
 use super::intake::{Intake, Needs};
-use super::joint::Group;
+use super::joint::{Group, Priors};
 use super::lifecycle::{Initiator, Start, Window};
 use super::live::LiveTrack;
 use super::look::Look;
 use super::two_point::Waiting;
+use super::workspace::Workspace;
 use crate::association::associator::Associator;
 use crate::error::{Error, Result, require_finite, require_probability, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
-use crate::gaussian::Gaussian;
 use crate::model::Motion;
 use crate::scan::Scan;
 use crate::state;
-use crate::track::Track;
+use crate::track::{Track, TrackRef};
 
 /// The tracker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -44,6 +44,8 @@ pub struct MultiTargetTracker {
     pub(super) waiting: Vec<Waiting>,
     pub(super) next_id: u64,
     pub(super) clutter: Option<ClutterMapState>,
+    #[serde(skip)]
+    pub(super) work: Workspace,
 }
 
 impl MultiTargetTracker {
@@ -56,6 +58,7 @@ impl MultiTargetTracker {
             waiting: Vec::new(),
             next_id: 1,
             clutter: config.clutter_map.map(ClutterMapState::new),
+            work: Workspace::default(),
             config,
         };
         for start in tracker.config.initial.clone() {
@@ -104,18 +107,22 @@ impl MultiTargetTracker {
 
     /// The confirmed tracks at the time of the last scan.
     pub fn tracks(&self) -> Vec<Track> {
-        let report = |track: &LiveTrack| {
-            track.id.map(|id| Track {
+        self.track_refs().map(|track| track.to_owned()).collect()
+    }
+
+    /// The same where they stand.
+    pub fn track_refs(&self) -> impl Iterator<Item = TrackRef<'_>> {
+        self.tracks.iter().filter_map(|track| {
+            track.id.map(|id| TrackRef {
                 id,
                 time: self.intake.time.unwrap_or(track.last_hit),
-                state: track.state.clone(),
+                state: &track.state,
                 last_hit: track.last_hit,
                 hits: track.hits,
                 existence: track.existence,
                 extent: None,
             })
-        };
-        self.tracks.iter().filter_map(report).collect()
+        })
     }
 
     /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
@@ -134,33 +141,42 @@ impl MultiTargetTracker {
     /// Takes in one scan and returns the confirmed tracks at its time. A scan that cannot be used leaves the tracks as
     /// they were and is recorded as an event.
     pub fn step(&mut self, scan: &Scan) -> Result<Vec<Track>> {
+        self.update(scan)?;
+        Ok(self.tracks())
+    }
+
+    /// The same without a copy of the tracks, which are those of [`Self::track_refs`].
+    pub fn update(&mut self, scan: &Scan) -> Result<()> {
         let sensor = self.config.sensor(&scan.sensor).map_err(|error| error.to_string());
         let Some(reports) = self.intake.admit(scan, sensor, Needs::Something)? else {
-            return Ok(self.tracks());
+            return Ok(());
         };
         let sensors = self.config.sensors.iter().enumerate();
         if let Some((index, (_, sensor))) = sensors.into_iter().find(|(_, (name, _))| **name == scan.sensor) {
             let mut look = Look::new(scan, index, sensor.clone(), reports);
             let before = self.begin(scan)?;
+            let mut bench = self.work.bench(&self.config, index, &look.sensor)?;
             if let Associator::Npda(npda) = self.config.associator {
-                self.associate_in_turn(&mut look, &npda, before)?;
+                self.associate_in_turn(&mut look, &mut bench, &npda, before)?;
             } else {
                 let priors = self.predict(&look, before)?;
+                bench.sort(&look);
                 if matches!(self.config.associator, Associator::Jipda { .. }) {
-                    self.associate(&mut look, &priors, Group::All)?;
+                    self.associate(&mut look, &mut bench, &priors, Group::All)?;
                 } else {
-                    self.associate(&mut look, &priors, Group::Confirmed)?;
-                    self.associate(&mut look, &priors, Group::Tentative)?;
+                    self.associate(&mut look, &mut bench, &priors, Group::Confirmed)?;
+                    self.associate(&mut look, &mut bench, &priors, Group::Tentative)?;
                 }
             }
+            self.work.put_back(index, bench);
             self.map_clutter(&mut look);
             self.end(&look);
             self.confirm(scan.time);
             self.initiate(&look)?;
-            self.drop_diverged(scan, "their estimate")?;
+            self.drop_diverged(scan, || "their estimate".into())?;
             self.confirm(scan.time);
         }
-        Ok(self.tracks())
+        Ok(())
     }
 
     /// Saves the tracker with everything it knows; see [`crate::state`].
@@ -229,34 +245,45 @@ impl MultiTargetTracker {
         Ok(before)
     }
 
+    /// Predicts all tracks from one time to another.
+    pub(super) fn advance(&mut self, from: f64, to: f64) -> Result<()> {
+        // Nothing moves in no time.
+        if from == to {
+            return Ok(());
+        }
+        let prediction = self.work.prediction(&self.config);
+        for track in &mut self.tracks {
+            track.advance(prediction, &self.config.motion, from, to)?;
+        }
+        Ok(())
+    }
+
     /// The predictions of every track to every epoch of the scan; the tracks stand at the last one afterwards.
-    fn predict(&mut self, look: &Look, before: f64) -> Result<Vec<Vec<Gaussian>>> {
-        let mut priors = vec![Vec::new(); self.tracks.len()];
+    fn predict(&mut self, look: &Look, before: f64) -> Result<Priors> {
+        let several = look.epochs.len() > 1;
+        let mut priors = vec![Vec::new(); if several { self.tracks.len() } else { 0 }];
         let mut now = before;
-        for time in look.epochs() {
+        for &time in &look.epochs {
             self.advance(now, time)?;
             now = time;
             for (priors, track) in priors.iter_mut().zip(&self.tracks) {
                 priors.push(track.state.clone());
             }
         }
-        let mut finite = self.tracks.iter().map(LiveTrack::is_finite);
-        priors.retain(|_| finite.next().unwrap_or(false));
-        drop(finite);
-        self.drop_diverged(
-            look.scan,
-            &format!("{} s ahead their prediction", look.scan.time - before),
-        )?;
-        Ok(priors)
+        let mut tracks = self.tracks.iter();
+        priors.retain(|_| tracks.next().is_some_and(LiveTrack::is_finite));
+        let ahead = look.scan.time - before;
+        self.drop_diverged(look.scan, || format!("{ahead} s ahead their prediction"))?;
+        Ok(Priors(priors))
     }
 
-    fn drop_diverged(&mut self, scan: &Scan, what: &str) -> Result<()> {
+    fn drop_diverged(&mut self, scan: &Scan, what: impl Fn() -> String) -> Result<()> {
         let count = self.tracks.iter().filter(|track| !track.is_finite()).count();
         if count == 0 {
             return Ok(());
         }
         self.tracks.retain(LiveTrack::is_finite);
-        let reason = format!("{count} tracks ended: {what} is not finite");
+        let reason = format!("{count} tracks ended: {} is not finite", what());
         self.intake.record(scan, EventCode::TrackDiverged, None, &reason)
     }
 }

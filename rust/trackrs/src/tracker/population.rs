@@ -1,7 +1,7 @@
 //! Tracks come and go: what of a scan no track took, which tracks are confirmed, end, or begin.
 
-use super::lifecycle::{Existence, Initiator, Start, Window, ended, enough_hits, hopeless, moves, speed, start_state};
-use super::live::{LiveTrack, Stored};
+use super::lifecycle::{Existence, Initiator, Window, ended, enough_hits, hopeless, moves, speed, start_state_into};
+use super::live::{LiveTrack, Stored, distance};
 use super::look::Look;
 use super::multi_target::MultiTargetTracker;
 use super::two_point::{Waiting, pair_up};
@@ -26,15 +26,14 @@ impl MultiTargetTracker {
         let Some(map) = &mut self.clutter else {
             return;
         };
-        for ((fate, position), row) in look.fates.iter_mut().zip(&look.positions).zip(&look.rows) {
-            let Some(position) = position
-                .as_ref()
-                .filter(|_| !fate.taker.is_some_and(|taker| taker.confirmed))
-            else {
+        for row in 0..look.rows.len() {
+            if look.fates[row].taker.is_some_and(|taker| taker.confirmed) {
                 continue;
-            };
-            fate.echo = map.is_static(&position.mean);
-            map.add(&position.mean, row.time);
+            }
+            if let Some(position) = look.position(row) {
+                look.fates[row].echo = map.is_static(&position.mean);
+                map.add(&position.mean, look.rows[row].time);
+            }
         }
     }
 
@@ -49,7 +48,7 @@ impl MultiTargetTracker {
             }
         }
         let mut on_echo = on_echo.into_iter();
-        self.tracks.retain(|track| {
+        self.work.recycle(&mut self.tracks, |track| {
             let on_echo = on_echo.next().unwrap_or(false);
             if track.id.is_none() && on_echo || track.id.is_some() && speed(&track.state, dims) > begin.max_speed() {
                 return false;
@@ -75,8 +74,10 @@ impl MultiTargetTracker {
                 && believed
                 && moves(&track.state, &track.start.position(), time - track.born, &rule);
             let position = track.position(motion);
-            let clear = |other: &LiveTrack| (other.position(motion) - &position).norm() >= rule.min_separation();
-            if ready && self.tracks.iter().filter(|other| other.id.is_some()).all(clear) {
+            let separation = rule.min_separation();
+            let clear = |other: &LiveTrack| distance(other.position(motion), position) >= separation;
+            let mut confirmed = self.tracks.iter().filter(|other| other.id.is_some());
+            if ready && (separation == 0.0 || confirmed.all(clear)) {
                 self.tracks[index].id = Some(self.next_id);
                 self.next_id += 1;
             }
@@ -117,15 +118,19 @@ impl MultiTargetTracker {
     /// The reports that may begin a track.
     fn free_reports(&mut self, look: &Look) -> Result<Free> {
         let mut free = Free::default();
-        for (row, (fate, position)) in look.fates.iter().zip(&look.positions).enumerate() {
-            let Some(position) = position else {
+        for (row, fate) in look.fates.iter().enumerate() {
+            let counted = matches!(self.config.initiator, Initiator::MofN(_));
+            if fate.echo || counted && !fate.is_free() {
+                continue;
+            }
+            let Some(mut position) = look.position(row) else {
                 continue;
             };
             let unexplained = 1.0 - fate.explained.min(1.0);
             let is_free = match self.config.initiator {
-                Initiator::MofN(_) => fate.is_free(),
+                Initiator::MofN(_) => true,
                 Initiator::Existence(rule) => {
-                    !fate.echo && rule.initial * unexplained >= rule.drop && self.is_clear(position, &rule)
+                    rule.initial * unexplained >= rule.drop && self.is_clear(&position, &rule)
                 }
             };
             if !is_free {
@@ -138,7 +143,6 @@ impl MultiTargetTracker {
                 continue;
             }
             // Exactly symmetric, as it is saved.
-            let mut position = position.clone();
             symmetrise(&mut position.cov);
             free.rows.push(row);
             free.reports.push(Waiting {
@@ -163,42 +167,39 @@ impl MultiTargetTracker {
 
     /// A tentative track from a report, and perhaps one of before, brought to `now`.
     fn begin_track(&mut self, now: f64, report: &Waiting, first: Option<&Waiting>) -> Result<()> {
-        let motion = &self.config.motion;
         let max_speed = self.config.initiator.max_speed();
-        let state = match first {
-            Some(first) => start_state(&report.line_from(first)?, motion, max_speed),
-            None => start_state(&report.position, motion, max_speed),
+        let earliest = first.unwrap_or(report);
+        let mut track = self.work.blank(&self.config);
+        let motion = &self.config.motion;
+        match first {
+            Some(first) => start_state_into(&report.line_from(first)?, motion, max_speed, &mut track.state),
+            None => start_state_into(&report.position, motion, max_speed, &mut track.state),
+        }
+        track.id = None;
+        track.stored = self.stored(&track.state, report.time);
+        track.windows.clear();
+        track.windows.resize(self.config.sensors.len(), Window::default());
+        track.start.reset(earliest.position.mean.as_slice());
+        track.hits = 0;
+        track.existence = match self.config.initiator {
+            Initiator::MofN(_) => None,
+            Initiator::Existence(rule) => Some(rule.initial),
         };
-        let reports: Vec<&Waiting> = first.into_iter().chain([report]).collect();
-        let mut windows = vec![Window::default(); self.config.sensors.len()];
-        for report in &reports {
-            windows[report.sensor].push(true);
+        for part in first.into_iter().chain([report]) {
+            track.windows[part.sensor].push(true);
+            track.hits += 1;
+            track.existence = track.existence.map(|existence| existence * part.unexplained);
         }
-        let earliest = reports[0];
-        let mut start = Start::new(earliest.position.mean.as_slice());
         if first.is_some() {
-            start.add(report.position.mean.as_slice());
+            track.start.add(report.position.mean.as_slice());
         }
-        self.tracks.push(LiveTrack {
-            id: None,
-            stored: self.stored(&state, report.time),
-            state: if report.time < now {
-                self.config.filter.predict(&state, motion, now - report.time)?
-            } else {
-                state
-            },
-            start,
-            born: earliest.time,
-            windows,
-            last_hit: report.time,
-            hits: reports.len() as u64,
-            existence: match self.config.initiator {
-                Initiator::MofN(_) => None,
-                Initiator::Existence(rule) => {
-                    Some(reports.iter().fold(rule.initial, |r, report| r * report.unexplained))
-                }
-            },
-        });
+        (track.born, track.last_hit) = (earliest.time, report.time);
+        if report.time < now {
+            let prediction = self.work.prediction(&self.config);
+            // Those that predict in long steps stand where they are stored.
+            track.advance(prediction, &self.config.motion, report.time, now)?;
+        }
+        self.tracks.push(track);
         Ok(())
     }
 
@@ -219,8 +220,8 @@ impl MultiTargetTracker {
 
     /// Whether no confirmed track stands so near that the report is likely another echo of its target.
     fn is_clear(&self, report: &Gaussian, rule: &Existence) -> bool {
-        let far =
-            |track: &LiveTrack| (track.position(&self.config.motion) - &report.mean).norm() >= rule.min_separation;
+        let (motion, at) = (&self.config.motion, report.mean.as_slice());
+        let far = |track: &LiveTrack| distance(track.position(motion), at) >= rule.min_separation;
         self.tracks.iter().filter(|track| track.id.is_some()).all(far)
     }
 }

@@ -11,40 +11,46 @@
 //! Reference: [`crate::association::npda`].
 
 use super::joint::Group;
-use super::look::{Look, Taker};
+use super::look::{Look, Row, Taker};
 use super::multi_target::MultiTargetTracker;
+use super::workspace::Bench;
 use crate::association::npda::{Npda, betas, partial_update};
 use crate::association::odds::shares;
 use crate::error::Result;
 use crate::event::EventCode;
-use crate::filter::extended::Linearised;
-use crate::gating::mahalanobis::{Expectation, GatedPair, gate};
-use crate::gaussian::Gaussian;
-use crate::model::{Motion, Sensor};
-
-/// A track that gates the report.
-struct Gating {
-    track: usize,
-    prior: Gaussian,
-    linearised: Linearised,
-    pair: GatedPair,
-}
+use crate::gating::mahalanobis::GatedPair;
+use crate::model::Motion;
 
 impl MultiTargetTracker {
     /// Takes in the reports of a scan; the tracks stand at `start` seconds before and at the scan's time after it.
-    pub(super) fn associate_in_turn(&mut self, look: &mut Look, npda: &Npda, start: f64) -> Result<()> {
+    pub(super) fn associate_in_turn(
+        &mut self,
+        look: &mut Look,
+        bench: &mut Bench,
+        npda: &Npda,
+        start: f64,
+    ) -> Result<()> {
         let mut hit = vec![false; self.tracks.len()];
+        // What is expected of a track holds until it is predicted or updated.
+        let mut known = vec![false; self.tracks.len()];
+        let mut gating = Vec::new();
         let mut now = start;
         for row in 0..look.rows.len() {
             let time = look.rows[row].time;
-            self.advance(now, time)?;
-            now = time;
-            let mut gating = self.gating(look, row, Group::Confirmed)?;
+            if time != now {
+                self.advance(now, time)?;
+                now = time;
+                known.fill(false);
+            }
+            self.gate_row(look, bench, row, Group::Confirmed, &mut known, &mut gating)?;
             look.fates[row].near_confirmed = !gating.is_empty();
             if gating.is_empty() {
-                gating = self.gating(look, row, Group::Tentative)?;
+                self.gate_row(look, bench, row, Group::Tentative, &mut known, &mut gating)?;
             }
-            self.share_out(look, row, npda, gating, &mut hit)?;
+            for &track in &gating {
+                known[track] = false;
+            }
+            self.share_out(look, bench, row, npda, &gating, &mut hit)?;
         }
         self.advance(now, look.scan.time)?;
         for (track, hit) in self.tracks.iter_mut().zip(hit) {
@@ -53,75 +59,60 @@ impl MultiTargetTracker {
         Ok(())
     }
 
-    /// Predicts all tracks from one time to another.
-    pub(super) fn advance(&mut self, from: f64, to: f64) -> Result<()> {
-        for track in &mut self.tracks {
-            track.state = track.ahead(self.config.filter, &self.config.motion, from, to)?;
-        }
-        Ok(())
-    }
-
-    fn gating(&mut self, look: &Look, row: usize, group: Group) -> Result<Vec<Gating>> {
-        let thresholds = self.config.gate.thresholds(look.sensor.measurement_dim())?;
-        let reports = std::slice::from_ref(look.rows[row].value);
-        let mut out = Vec::new();
-        for track in group.members(&self.tracks) {
-            let prior = self.tracks[track].state.clone();
-            let expected = self.config.filter.expect(&prior, &look.sensor, look.platform.as_ref());
-            let gated = expected.and_then(|linearised| {
-                let expectation = Expectation { prior, linearised };
-                let gated = gate(&expectation, &look.sensor, reports, &thresholds)?;
-                Ok((expectation, gated))
-            });
-            match gated {
-                Ok((Expectation { prior, linearised }, gated)) => {
-                    out.extend(gated.pairs.into_iter().map(|pair| Gating {
-                        track,
-                        prior: prior.clone(),
-                        linearised: linearised.clone(),
-                        pair,
-                    }));
-                }
+    /// Finds the tracks of a group that gate a report; their pairs are those of the bench.
+    fn gate_row(
+        &mut self,
+        look: &Look,
+        bench: &mut Bench,
+        row: usize,
+        group: Group,
+        known: &mut [bool],
+        gating: &mut Vec<usize>,
+    ) -> Result<()> {
+        bench.clear();
+        gating.clear();
+        for (track, live) in self.tracks.iter().enumerate() {
+            // What has lost its numbers on the way takes no further part.
+            if !group.holds(live) || !live.is_finite() {
+                continue;
+            }
+            match bench.gate_row(track, known[track], &live.state, row, look) {
+                Ok(()) => known[track] = true,
                 Err(error) => self
                     .intake
                     .record(look.scan, EventCode::TrackSkipped, Some(row), &error.to_string())?,
             }
+            gating.resize(bench.pairs.len(), track);
         }
-        Ok(out)
+        Ok(())
     }
 
     fn share_out(
         &mut self,
         look: &mut Look,
+        bench: &mut Bench,
         row: usize,
         npda: &Npda,
-        gating: Vec<Gating>,
+        gating: &[usize],
         hit: &mut [bool],
     ) -> Result<()> {
+        let logs = |of: fn(&GatedPair) -> f64| -> Vec<f64> { bench.pairs.iter().map(of).collect() };
         let betas = if let Some(p) = npda.clutter_probability {
-            betas(&log_likelihoods(&gating, |pair| pair.log_likelihood), p)
+            betas(&logs(|pair| pair.log_likelihood), p)
         } else {
             let odds = self.config.odds(&look.scan.sensor);
-            shares(&log_likelihoods(&gating, |pair| pair.log_density), odds.log_clutter())
+            shares(&logs(|pair| pair.log_density), odds.log_clutter())
         };
         let explained: f64 = betas.iter().sum();
         let best = betas.iter().copied().fold(1.0 - explained, f64::max);
-        let time = look.rows[row].time;
+        let Row { time, value } = look.rows[row];
         let space = self.config.motion.space();
         let mut largest = 0.0;
-        for (
-            Gating {
-                track,
-                prior,
-                linearised,
-                pair,
-            },
-            beta,
-        ) in gating.into_iter().zip(betas)
-        {
-            let updated = linearised.prediction.update(&prior, &pair.innovation)?.posterior;
+        for (&track, beta) in gating.iter().zip(betas) {
             let live = &mut self.tracks[track];
-            live.update(partial_update(&space, &prior, &updated, beta, npda.covariance), time);
+            bench.update(track, &live.state, &look.sensor, value.as_slice())?;
+            let updated = partial_update(&space, &live.state, &bench.posterior, beta, npda.covariance);
+            live.update_from(&updated, time);
             if beta > largest && explained >= 0.5 {
                 largest = beta;
                 look.fates[row].taker = Some(Taker {
@@ -132,18 +123,10 @@ impl MultiTargetTracker {
             if beta < 0.5 * best {
                 continue;
             }
-            live.last_hit = time;
-            live.hits += 1;
+            live.hit_by(look, row);
             hit[track] = true;
-            if let Some(position) = &look.positions[row] {
-                live.start.add(position.mean.as_slice());
-            }
         }
         look.fates[row].explained = explained;
         Ok(())
     }
-}
-
-fn log_likelihoods(gating: &[Gating], of: impl Fn(&GatedPair) -> f64) -> Vec<f64> {
-    gating.iter().map(|gating| of(&gating.pair)).collect()
 }

@@ -58,6 +58,9 @@ impl Motion for LinearMotion {
     fn is_linear(&self) -> bool {
         true
     }
+    fn same_over(&self, dt: f64, other: f64) -> bool {
+        (dt == 0.0) == (other == 0.0)
+    }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         let n = self.state_dim();
         Some(NoiseInput {

@@ -64,6 +64,10 @@ pub trait Motion: Debug + Send + Sync {
     }
     /// Whether f(x) = F(dt) x with an F that does not depend on x, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
+    /// Whether a linear motion has the same F and Q over both of these time steps.
+    fn same_over(&self, dt: f64, other: f64) -> bool {
+        dt == other
+    }
     /// How noise of a fixed covariance enters the state over `dt`, for models that have it so; what an estimator of the
     /// noise can estimate. Γ is zero for `dt = 0`.
     fn noise_input(&self, _dt: f64) -> Option<NoiseInput> {
@@ -162,6 +166,9 @@ impl Motion for MotionModel {
     }
     fn is_linear(&self) -> bool {
         self.as_motion().is_linear()
+    }
+    fn same_over(&self, dt: f64, other: f64) -> bool {
+        self.as_motion().same_over(dt, other)
     }
     fn noise_input(&self, dt: f64) -> Option<NoiseInput> {
         self.as_motion().noise_input(dt)

@@ -82,9 +82,14 @@ impl Sensor for PositionSensor {
         if measurement.iter().any(|v| !v.is_finite()) {
             return None;
         }
+        let m = self.std.len();
+        let mut cov = DMatrix::zeros(m, m);
+        for (i, std) in self.std.iter().enumerate() {
+            cov[(i, i)] = std * std;
+        }
         Some(Gaussian {
             mean: platform.map_or_else(|| measurement.clone(), |p| measurement + p),
-            cov: self.noise(),
+            cov,
         })
     }
     fn position_fix(&self) -> Option<&dyn PositionFix> {

@@ -26,6 +26,7 @@ use super::lifecycle::start_state;
 use super::look::Row;
 use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
+use crate::filter::extended::expect;
 use crate::filter::kalman::predict_by;
 use crate::model::{Motion, Sensor};
 use crate::partition::distance::{DistancePartition, Thresholds};
@@ -256,7 +257,7 @@ impl PhdTracker {
         let mut free = vec![true; measurements.len() / m];
         for component in self.mixture.iter().filter(|c| c.weight >= EXPLAINS) {
             let spread = SpreadSensor::of(&watch.sensor, component.extent.as_ref());
-            let expected = self.config.filter.expect(&component.state, &spread, platform);
+            let expected = expect(&component.state, &spread, platform, self.config.filter.rule());
             let Ok(expected) = expected else {
                 continue;
             };

@@ -1,0 +1,327 @@
+//! Rows of a run with sizes known to the compiler: the same operations in the same order as those of [`super::runner`], on
+//! arrays of constant size, so that loops unroll and nothing is allocated.
+//!
+//! | symbol  | name here            | shape    | meaning                                              |
+//! |---------|----------------------|----------|------------------------------------------------------|
+//! | x, P    | `x`, `p`             | N, N×N   | the state, after the measurement of the row before   |
+//! | x⁻, P⁻  | `ahead`              | N, N×N   | before that of this row                              |
+//! | F, Q    | [`Way`]              | N×N      | of the motion over dt; made when dt changes          |
+//! | H, R    | `h`, `r`             | M×N, M×M | of the sensor                                        |
+//! | S, L    | `s`, `l`             | M×M      | innovation covariance and its Cholesky factor        |
+//! | Kᵀ      | `gain`               | M×N      | gain                                                 |
+//!
+//! 1. x⁻ = F x,  P⁻ = F P Fᵀ + Q                          (`prediction.rs`)
+//! 2. r = z − h(x⁻),  S = H P⁻ Hᵀ + R = L Lᵀ              (`kalman.rs`, `extended.rs`)
+//! 3. ν = L⁻¹ r,  |ν|²,  ln N(r; 0, S)
+//! 4. x = x⁻ + K r,  B = P⁻ − K H P⁻,  P = B + (K R − B Hᵀ) Kᵀ, made symmetric   (`correction.rs`)
+//!
+//! All but x, r and ν is the same for every row that begins with the same P, where F, Q and H stay what they are: it is made
+//! once. With a constant dt P often becomes steady to the last bit, after some tens of rows.
+//!
+//! A run has it where its filter is plain ([`fixed`]): a linear motion, any sensor, no screen, no estimated noise, the Joseph
+//! form, everything adds. Of its rows those with a missing or infinite component and those whose S has no factor are left
+//! to the general path, which knows what to do with them; the bits are the same either way (`tests/fixed.rs`).
+//!
+//! Reference: see [`super::kalman`].
+
+use std::array;
+use std::ops::Range;
+
+use nalgebra::DVector;
+
+use super::extended::{Method, Rule};
+use super::kalman::{LN_TAU, copy_rows};
+use super::run::{Estimates, FilterRun};
+use super::sequence::{Filter, History, Sequence};
+use super::square_root::Form;
+use crate::error::Result;
+use crate::gaussian::{Gaussian, GaussianRef};
+use crate::linalg::fixed::{Factor, Lines, add_scaled, mirror, same_bits, symmetrise, transpose};
+use crate::linalg::sparse::UnitUpper;
+use crate::model::sensor::residual_into;
+use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+
+/// Rows of a filter of one size.
+pub(super) trait FixedRows: Send + Sync {
+    /// Takes the state through the first of these rows, up to one that is not for it; the number of rows that it took.
+    fn advance(
+        &mut self,
+        filter: &Filter,
+        now: Now<'_>,
+        data: &Sequence<'_>,
+        rows: Range<usize>,
+        history: History,
+        run: &mut FilterRun,
+    ) -> Result<usize>;
+}
+
+/// Where a run stands.
+pub(super) struct Now<'a> {
+    pub(super) time: &'a mut f64,
+    pub(super) state: &'a mut Gaussian,
+}
+
+/// The rows of this filter, if it is plain and of a size that is compiled.
+pub(super) fn fixed(filter: &Filter) -> Option<Box<dyn FixedRows>> {
+    macro_rules! of_sizes {
+        ($($n:literal: $($m:literal)*;)*) => {
+            match (filter.motion().state_dim(), filter.sensor().measurement_dim()) {
+                $($(($n, $m) => Some(Box::new(Fixed::<$n, $m>::new(filter))),)*)*
+                _ => None,
+            }
+        };
+    }
+    if !plain(filter) {
+        return None;
+    }
+    of_sizes! {
+        2: 1 2;
+        3: 1 2 3;
+        4: 1 2 3;
+        6: 2 3 4;
+        9: 3 4;
+        18: 6;
+    }
+}
+
+fn plain(filter: &Filter) -> bool {
+    let Method { rule, form } = *filter.method();
+    let (motion, sensor) = (filter.motion(), filter.sensor());
+    let by_slope = match rule {
+        Rule::Once => true,
+        Rule::Iterated(iterations) => iterations == 1 || sensor.is_linear(),
+        Rule::SecondOrder => false,
+        Rule::SigmaPoints(points) => points.redraws() && sensor.is_linear_in_changes(),
+    };
+    by_slope
+        && form == Form::Joseph
+        && motion.is_linear()
+        && motion.space().attitude.is_none()
+        && filter.steps() == 1
+        && filter.screen().is_none()
+        && filter.adapted_dim() == 0
+}
+
+struct Fixed<const N: usize, const M: usize> {
+    way: Way<N>,
+    h: [[f64; N]; M],
+    /// H again, without its zeros, and whether it stays what it is.
+    lines: Lines<M, N>,
+    constant: bool,
+    /// R without its zeros, and (R + Rᵀ)/2.
+    noise: Lines<M, M>,
+    symmetric: [[f64; M]; M],
+    /// Of the last row, where another one with the same covariance before it would give the same.
+    last: Option<Covariances<N, M>>,
+    /// The mean for the sensor, which takes it in this form.
+    mean: DVector<f64>,
+}
+
+/// The way from one row to the next.
+struct Way<const N: usize> {
+    /// Seconds; NaN: none yet.
+    dt: f64,
+    f: [[f64; N]; N],
+    q: [[f64; N]; N],
+    lines: Lines<N, N>,
+    upper: Option<UnitUpper>,
+}
+
+/// What a row does whatever was measured.
+struct Covariances<const N: usize, const M: usize> {
+    before: [[f64; N]; N],
+    ahead: [[f64; N]; N],
+    s: [[f64; M]; M],
+    factor: Factor<M>,
+    log_determinant: f64,
+    gain: [[f64; N]; M],
+    after: [[f64; N]; N],
+}
+
+impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
+    fn advance(
+        &mut self,
+        filter: &Filter,
+        now: Now<'_>,
+        data: &Sequence<'_>,
+        rows: Range<usize>,
+        history: History,
+        run: &mut FilterRun,
+    ) -> Result<usize> {
+        let (mut x, mut p) = ([0.0; N], [[0.0; N]; N]);
+        x.copy_from_slice(now.state.mean.as_slice());
+        p.as_flattened_mut().copy_from_slice(now.state.cov.as_slice());
+        let (mut taken, mut failed) = (0, None);
+        let times = &data.times[rows.clone()];
+        let measurements = data.measurements[rows.start * M..rows.end * M].as_chunks::<M>().0;
+        for (&time, z) in times.iter().zip(measurements) {
+            if !z.iter().all(|z| z.is_finite()) {
+                break;
+            }
+            let dt = time - *now.time;
+            if self.way.dt.is_nan() || !filter.motion().same_over(dt, self.way.dt) {
+                self.way.make(filter.motion(), dt);
+                self.last = None;
+            }
+            let ahead: [f64; N] = array::from_fn(|i| self.way.lines.row_dot(i, &x));
+            let r = match self.compare(filter.sensor(), &ahead, z) {
+                Ok(r) => r,
+                Err(error) => {
+                    failed = Some(error);
+                    break;
+                }
+            };
+            if !self.last.as_ref().is_some_and(|last| same_bits(&last.before, &p)) {
+                self.last = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
+            }
+            let Some(covs) = &self.last else {
+                break;
+            };
+            let mut whitened = r.map(|r| [r]);
+            covs.factor.solve_lower(&mut whitened);
+            let nis = whitened.iter().fold(0.0, |sum, [x]| sum + x * x);
+            run.log_likelihood += -0.5 * (nis + covs.log_determinant + M as f64 * LN_TAU);
+            x = ahead;
+            for (row, &r) in covs.gain.iter().zip(&r) {
+                add_scaled(&mut x, r, row);
+            }
+            p = covs.after;
+            *now.time = time;
+            taken += 1;
+            if history == History::Last && taken < times.len() {
+                continue;
+            }
+            let row = Estimates {
+                predicted: GaussianRef {
+                    mean: &ahead,
+                    cov: covs.ahead.as_flattened(),
+                },
+                transition: self.way.f.as_flattened(),
+                motion_noise: self.way.q.as_flattened(),
+                filtered: GaussianRef {
+                    mean: &x,
+                    cov: covs.after.as_flattened(),
+                },
+                innovation: &r,
+                innovation_cov: covs.s.as_flattened(),
+                nis,
+                dof: M,
+            };
+            run.push_estimates(&row, history);
+        }
+        now.state.mean.copy_from_slice(&x);
+        now.state.cov.as_mut_slice().copy_from_slice(p.as_flattened());
+        failed.map_or(Ok(taken), Err)
+    }
+}
+
+impl<const N: usize, const M: usize> Fixed<N, M> {
+    fn new(filter: &Filter) -> Self {
+        let mut r = [[0.0; M]; M];
+        copy_rows(&filter.sensor().noise(), r.as_flattened_mut());
+        let mut noise = Lines::new();
+        noise.set(&r);
+        Self {
+            way: Way {
+                dt: f64::NAN,
+                f: [[0.0; N]; N],
+                q: [[0.0; N]; N],
+                lines: Lines::new(),
+                upper: None,
+            },
+            h: [[0.0; N]; M],
+            lines: Lines::new(),
+            constant: false,
+            noise,
+            symmetric: array::from_fn(|a| array::from_fn(|b| 0.5 * (r[a][b] + r[b][a]))),
+            last: None,
+            mean: DVector::zeros(N),
+        }
+    }
+
+    /// z − h(x⁻), with H set.
+    #[inline(always)]
+    fn compare(&mut self, sensor: &SensorModel, ahead: &[f64; N], z: &[f64; M]) -> Result<[f64; M]> {
+        self.mean.as_mut_slice().copy_from_slice(ahead);
+        let (mut expected, mut r) = ([0.0; M], [0.0; M]);
+        sensor.linearise_into(&self.mean, None, &mut expected, self.h.as_flattened_mut())?;
+        if !self.constant {
+            self.lines.set(&self.h);
+            self.constant = sensor.is_linear();
+            self.last = None;
+        }
+        residual_into(sensor, z, &expected, &mut r);
+        Ok(r)
+    }
+}
+
+impl<const N: usize> Way<N> {
+    /// Makes it the way of `dt` seconds.
+    #[cold]
+    #[inline(never)]
+    fn make(&mut self, motion: &MotionModel, dt: f64) {
+        copy_rows(&motion.noise(dt), self.q.as_flattened_mut());
+        copy_rows(&motion.jacobian(&DVector::zeros(N), dt), self.f.as_flattened_mut());
+        self.lines.set(&self.f);
+        self.upper = UnitUpper::of(N, self.f.as_flattened());
+        self.dt = dt;
+    }
+
+    /// Equations 1, 2 and 4 as far as they do not depend on what is measured.
+    #[inline(always)]
+    fn covariances<const M: usize>(
+        &self,
+        before: &[[f64; N]; N],
+        h: &Lines<M, N>,
+        r: &Lines<M, M>,
+        symmetric: &[[f64; M]; M],
+    ) -> Option<Covariances<N, M>> {
+        let mut ahead = *before;
+        if let Some(upper) = &self.upper {
+            upper.congruence_in_place(&mut ahead, &self.q);
+        } else {
+            let product = transpose(&self.lines.times(before));
+            ahead = self.lines.times_plus(&product, &self.q);
+            mirror(&mut ahead);
+        }
+        let hp = h.times(&ahead);
+        let mut s = [[0.0; M]; M];
+        for a in 0..M {
+            for b in 0..M {
+                if b <= a {
+                    let sum = h.row_dot(b, &hp[a]) + symmetric[a][b];
+                    (s[a][b], s[b][a]) = (sum, sum);
+                }
+            }
+        }
+        let factor = Factor::new(&s)?;
+        let mut gain = hp;
+        factor.solve_lower(&mut gain);
+        factor.solve_upper(&mut gain);
+        let mut after = ahead;
+        for (i, row) in after.iter_mut().enumerate() {
+            for (hp, gain) in hp.iter().zip(&gain) {
+                add_scaled(row, -hp[i], gain);
+            }
+        }
+        let (seen, mut rest) = (h.times(&after), r.times(&gain));
+        for (x, y) in rest.as_flattened_mut().iter_mut().zip(seen.as_flattened()) {
+            *x -= y;
+        }
+        for (i, row) in after.iter_mut().enumerate() {
+            for (gain, rest) in gain.iter().zip(&rest) {
+                add_scaled(row, gain[i], rest);
+            }
+        }
+        symmetrise(&mut after);
+        Some(Covariances {
+            before: *before,
+            ahead,
+            s,
+            log_determinant: factor.log_determinant(),
+            factor,
+            gain,
+            after,
+        })
+    }
+}

@@ -1,0 +1,267 @@
+//! The operations of [`super::kernel`] and [`super::sparse`] on arrays of constant size: the same products in the same order,
+//! so that the results are the same bits, with loops that unroll and without memory.
+//!
+//! Loops run to the constant size with the condition inside: so written they unroll, and indices need no checked arithmetic.
+
+use super::kernel;
+
+/// `row` += `factor` × `other`.
+#[inline(always)]
+pub(crate) fn add_scaled<const N: usize>(row: &mut [f64; N], factor: f64, other: &[f64; N]) {
+    kernel::add_scaled(row, factor, other);
+}
+
+/// An R×N matrix by its numbers that are not zero, row by row; as [`super::sparse::Sparse`].
+#[derive(Debug, Clone)]
+pub(crate) struct Lines<const R: usize, const N: usize> {
+    counts: [usize; R],
+    /// Column and value; behind the count they mean nothing.
+    entries: [[(usize, f64); N]; R],
+    /// Columns up to the last that had a number so far: those behind it are only looked over.
+    width: usize,
+}
+
+impl<const R: usize, const N: usize> Lines<R, N> {
+    /// Of zeros.
+    pub(crate) fn new() -> Self {
+        Self {
+            counts: [0; R],
+            entries: [[(0, 0.0); N]; R],
+            width: 0,
+        }
+    }
+
+    /// Takes over a matrix.
+    #[inline]
+    pub(crate) fn set(&mut self, matrix: &[[f64; N]; R]) {
+        let any = |numbers: &[f64]| numbers.iter().fold(0, |bits, x| bits | x.to_bits() << 1) != 0;
+        while self.width < N && matrix.iter().any(|row| any(&row[self.width..])) {
+            self.width += 1;
+        }
+        for ((row, entries), to) in matrix.iter().zip(&mut self.entries).zip(&mut self.counts) {
+            // Every number is written, and the next one over it if it is zero: without a branch on values.
+            let mut count = 0_usize;
+            for (k, &value) in row[..self.width.min(N)].iter().enumerate() {
+                entries[count] = (k, value);
+                count = count.wrapping_add(usize::from(value != 0.0));
+            }
+            *to = count;
+        }
+    }
+
+    #[inline(always)]
+    fn row(&self, index: usize) -> &[(usize, f64)] {
+        &self.entries[index][..self.counts[index].min(N)]
+    }
+
+    /// Row `index` of A times a vector.
+    #[inline(always)]
+    pub(crate) fn row_dot(&self, index: usize, vector: &[f64; N]) -> f64 {
+        self.row(index)
+            .iter()
+            .fold(0.0, |sum, &(k, value)| sum + value * vector[k])
+    }
+
+    /// A B.
+    #[inline(always)]
+    pub(crate) fn times<const C: usize>(&self, b: &[[f64; C]; N]) -> [[f64; C]; R] {
+        let mut out = [[0.0; C]; R];
+        for (a, out) in out.iter_mut().enumerate() {
+            let mut sum = [0.0; C];
+            for &(k, factor) in self.row(a) {
+                add_scaled(&mut sum, factor, &b[k]);
+            }
+            *out = sum;
+        }
+        out
+    }
+
+    /// C + A B.
+    #[inline(always)]
+    pub(crate) fn times_plus<const C: usize>(&self, b: &[[f64; C]; N], c: &[[f64; C]; R]) -> [[f64; C]; R] {
+        let mut out = *c;
+        for (a, out) in out.iter_mut().enumerate() {
+            let mut sum = *out;
+            for &(k, factor) in self.row(a) {
+                add_scaled(&mut sum, factor, &b[k]);
+            }
+            *out = sum;
+        }
+        out
+    }
+}
+
+/// Whether two matrices are the same to the last bit.
+#[inline(always)]
+pub(crate) fn same_bits<const R: usize, const C: usize>(a: &[[f64; C]; R], b: &[[f64; C]; R]) -> bool {
+    let differ = |(x, y): (&f64, &f64)| x.to_bits() ^ y.to_bits();
+    // Row by row, and each without a branch.
+    a.iter()
+        .zip(b)
+        .all(|(x, y)| x.iter().zip(y).map(differ).fold(0, |bits, x| bits | x) == 0)
+}
+
+/// A B.
+#[inline(always)]
+pub(crate) fn multiply<const R: usize, const K: usize, const C: usize>(
+    a: &[[f64; K]; R],
+    b: &[[f64; C]; K],
+) -> [[f64; C]; R] {
+    let mut out = [[0.0; C]; R];
+    for (row, coefficients) in out.iter_mut().zip(a) {
+        let mut sum = [0.0; C];
+        for (&factor, other) in coefficients.iter().zip(b) {
+            add_scaled(&mut sum, factor, other);
+        }
+        *row = sum;
+    }
+    out
+}
+
+/// A B of an A of many zeros, whose rows of B are left out.
+#[inline(always)]
+pub(crate) fn multiply_sparse<const R: usize, const K: usize, const C: usize>(
+    a: &[[f64; K]; R],
+    b: &[[f64; C]; K],
+) -> [[f64; C]; R] {
+    let mut out = [[0.0; C]; R];
+    for (row, coefficients) in out.iter_mut().zip(a) {
+        let mut sum = [0.0; C];
+        for (&factor, other) in coefficients.iter().zip(b) {
+            if factor != 0.0 {
+                add_scaled(&mut sum, factor, other);
+            }
+        }
+        *row = sum;
+    }
+    out
+}
+
+/// Aᵀ.
+#[inline(always)]
+pub(crate) fn transpose<const N: usize>(a: &[[f64; N]; N]) -> [[f64; N]; N] {
+    let mut out = [[0.0; N]; N];
+    for (i, row) in a.iter().enumerate() {
+        for (to, &value) in out.iter_mut().zip(row) {
+            to[i] = value;
+        }
+    }
+    out
+}
+
+/// Copies the lower half of A to the upper one.
+#[inline(always)]
+pub(crate) fn mirror<const N: usize>(a: &mut [[f64; N]; N]) {
+    for i in 0..N {
+        for j in 0..N {
+            if j < i {
+                a[j][i] = a[i][j];
+            }
+        }
+    }
+}
+
+/// Adds the lower half of A B to that of `out`.
+#[inline(always)]
+pub(crate) fn add_product_lower<const N: usize>(a: &[[f64; N]; N], b: &[[f64; N]; N], out: &mut [[f64; N]; N]) {
+    for (row, coefficients) in out.iter_mut().zip(a) {
+        let mut sum = *row;
+        for (&factor, other) in coefficients.iter().zip(b) {
+            // The upper half is made too, whole rows being faster, and means nothing.
+            add_scaled(&mut sum, factor, other);
+        }
+        *row = sum;
+    }
+}
+
+/// Replaces A by (A + Aᵀ)/2; see [`kernel::symmetrise`].
+#[inline(always)]
+pub(crate) fn symmetrise<const N: usize>(a: &mut [[f64; N]; N]) {
+    for i in 0..N {
+        for j in 0..N {
+            if j < i {
+                let mean = 0.5 * (a[i][j] + a[j][i]);
+                (a[i][j], a[j][i]) = (mean, mean);
+            }
+        }
+    }
+}
+
+/// L of A = L Lᵀ in the lower half, with one over every number of its diagonal.
+pub(crate) struct Factor<const M: usize> {
+    lower: [[f64; M]; M],
+    inverse: [f64; M],
+}
+
+impl<const M: usize> Factor<M> {
+    /// Of a symmetric matrix; nothing where a pivot is not positive and finite.
+    #[inline(always)]
+    pub(crate) fn new(matrix: &[[f64; M]; M]) -> Option<Self> {
+        let mut a = *matrix;
+        let mut inverse = [0.0; M];
+        for i in 0..M {
+            for j in 0..M {
+                if j > i {
+                    continue;
+                }
+                let mut sum = a[i][j];
+                for k in 0..M {
+                    if k < j {
+                        sum -= a[i][k] * a[j][k];
+                    }
+                }
+                if j < i {
+                    a[i][j] = sum / a[j][j];
+                } else if sum > 0.0 && sum.is_finite() {
+                    a[j][j] = sum.sqrt();
+                    inverse[j] = 1.0 / a[j][j];
+                } else {
+                    return None;
+                }
+            }
+        }
+        Some(Self { lower: a, inverse })
+    }
+
+    /// The rows of B become those of L⁻¹ B.
+    #[inline(always)]
+    pub(crate) fn solve_lower<const C: usize>(&self, b: &mut [[f64; C]; M]) {
+        for i in 0..M {
+            let mut row = b[i];
+            for k in 0..M {
+                if k < i {
+                    add_scaled(&mut row, -self.lower[i][k], &b[k]);
+                }
+            }
+            row.iter_mut().for_each(|x| *x *= self.inverse[i]);
+            b[i] = row;
+        }
+    }
+
+    /// The rows of B become those of L⁻ᵀ B.
+    #[inline(always)]
+    pub(crate) fn solve_upper<const C: usize>(&self, b: &mut [[f64; C]; M]) {
+        for i in (0..M).rev() {
+            let mut row = b[i];
+            for k in 0..M {
+                if k > i {
+                    add_scaled(&mut row, -self.lower[k][i], &b[k]);
+                }
+            }
+            row.iter_mut().for_each(|x| *x *= self.inverse[i]);
+            b[i] = row;
+        }
+    }
+
+    /// A number of the diagonal of L.
+    #[inline(always)]
+    pub(crate) fn diagonal(&self, index: usize) -> f64 {
+        self.lower[index][index]
+    }
+
+    /// ln det A.
+    #[inline(always)]
+    pub(crate) fn log_determinant(&self) -> f64 {
+        kernel::log_determinant(M, self.lower.as_flattened())
+    }
+}
