@@ -25,6 +25,7 @@ FILES = {
     "w07_phd.py": ["W7"],
     "crossing_scan.py": ["W5two", "W5dist", "W7ext"],
     "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"],
+    "sparse_assignment.py": ["W9sparse"],
 }
 
 
@@ -81,7 +82,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "peers"
         shutil.copytree(given, folder)
-        shutil.copy(HERE / "crossing_scan.py", folder)
+        for name in ("crossing_scan.py", "sparse_assignment.py"):
+            shutil.copy(HERE / name, folder)
         subprocess.run(["sh", "build.sh"], cwd=folder / "climit", check=True)
         records = measure(folder)
     head = [

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import trackrs as tr
-from trackrs.association import k_best, marginals
+from trackrs.association import assign_sparse, k_best, marginals
 
 
 def enumerate_events(weights: np.ndarray) -> tuple[np.ndarray, float]:
@@ -26,6 +26,33 @@ def enumerate_events(weights: np.ndarray) -> tuple[np.ndarray, float]:
         total += weight
         sums[np.arange(tracks), event] += weight
     return sums / total, float(np.log(total))
+
+
+def test_sparse_assignment_is_that_of_the_full_matrix():
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        shape = tuple(rng.integers(1, 30, 2).tolist())
+        allowed = rng.random(shape) < rng.uniform(0.05, 0.5)
+        costs = np.where(allowed, rng.normal(size=shape), np.inf)
+        rows, columns = np.nonzero(allowed)
+        sparse = assign_sparse(rows, columns, costs[allowed], shape=shape)
+        dense = tr.assign(costs)
+        np.testing.assert_array_equal(sparse.columns, dense.columns)
+        assert sparse.cost == pytest.approx(dense.cost, rel=1e-12, abs=1e-12)
+
+
+def test_sparse_assignment_refuses():
+    with pytest.raises(tr.ParameterError, match=r"\(2, 0\)"):
+        assign_sparse([2], [0], [1.0], shape=(2, 1))
+    with pytest.raises(tr.ParameterError, match="must lie within"):
+        assign_sparse([-1], [0], [1.0], shape=(2, 1))
+    with pytest.raises(tr.DimensionError, match="columns"):
+        assign_sparse([0], [0, 1], [1.0], shape=(2, 2))
+    with pytest.raises(tr.DimensionError, match="rows must be a list of whole numbers"):
+        assign_sparse([0.5], [0], [1.0], shape=(2, 2))
+    with pytest.raises(tr.NonFiniteError):
+        assign_sparse([0], [0], [np.nan], shape=(2, 2))
+    assert assign_sparse([], [], [], shape=(2, 0)).columns.tolist() == [-1, -1]
 
 
 @pytest.mark.parametrize("log", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,24 @@ def test_gospa_parts_add_up():
     assert (out.localisation, out.missed, out.false_tracks) == (25.0, 450.0, 900.0)
     assert out.total == pytest.approx((25.0 + 450.0 + 900.0) ** 0.5)
     assert tr.gospa([], [], c=30.0).total == 0.0
+
+
+@pytest.mark.parametrize("c", [5.0, 60.0, 1e4])
+@pytest.mark.parametrize("p", [1.0, 2.0])
+def test_metrics_of_many_points_equal_the_full_matrix(c, p):
+    rng = np.random.default_rng(4)
+    x = rng.uniform(0.0, 1000.0, (150, 2))
+    y = rng.permutation(np.concatenate([x + rng.normal(0.0, 15.0, x.shape), rng.uniform(0.0, 1000.0, (20, 2))]))
+    full = np.linalg.norm(x[:, None] - y[None], axis=2)
+    costs = np.minimum(full, c) ** p
+    rows, columns = linear_sum_assignment(costs)
+    ospa = tr.ospa(x, y, c=c, p=p)
+    assert ospa.localisation == pytest.approx((costs[rows, columns].sum() / len(y)) ** (1 / p), rel=1e-12)
+    gospa = tr.gospa(y, x, c=c, p=p)
+    pairs = full[rows, columns] < c
+    assert {(q.estimate, q.truth) for q in gospa.pairs} == set(zip(rows[pairs], columns[pairs], strict=True))
+    assert gospa.localisation == pytest.approx(costs[rows, columns][pairs].sum(), rel=1e-12)
+    assert pickle.loads(pickle.dumps(gospa)) == gospa
 
 
 def tracks_of(rows, scan_times):

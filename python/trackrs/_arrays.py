@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 FloatArray: TypeAlias = "NDArray[np.float64]"
 IntArray: TypeAlias = "NDArray[np.int64]"
+_FLOAT = np.dtype(np.float64)
 
 
 def array(value: ArrayLike, name: str, ndim: int) -> FloatArray:
@@ -23,6 +24,9 @@ def array(value: ArrayLike, name: str, ndim: int) -> FloatArray:
     Raises:
         DimensionError: it has another number of dimensions, or is not an array of numbers.
     """
+    # What is as it must be already goes straight through: small problems cost less than these conversions.
+    if type(value) is np.ndarray and value.dtype is _FLOAT and value.ndim == ndim and value.flags.c_contiguous:
+        return value
     try:
         out = np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:

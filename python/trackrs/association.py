@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
+import numpy as np
+
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, IntArray, array, frozen
+from trackrs.errors import DimensionError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -150,6 +153,45 @@ def assign(costs: ArrayLike) -> Assignment:
     """
     columns, cost = _trackrs.assign(array(costs, "costs", 2))
     return Assignment(frozen(columns), cost)
+
+
+def assign_sparse(rows: ArrayLike, columns: ArrayLike, costs: ArrayLike, *, shape: tuple[int, int]) -> Assignment:
+    """Assign rows to columns at minimum cost where few pairs are allowed, given as a list.
+
+    The same answer as that of `assign` for the full matrix with `inf` for all other pairs, in the time and memory of
+    the list.
+
+    Args:
+        rows: (n,) row of each allowed pair.
+        columns: (n,) its column.
+        costs: (n,) its cost; of a pair that is there twice the cheaper counts.
+        shape: number of rows and of columns.
+
+    Raises:
+        NonFiniteError: a cost is NaN or minus infinity.
+        DimensionError: the lists have different lengths.
+        ParameterError: a pair lies outside of the shape.
+
+    Reference:
+        Jonker, Volgenant (1987), A shortest augmenting path algorithm for dense and sparse linear assignment problems.
+
+    Example:
+        >>> import trackrs as tr
+        >>> tr.association.assign_sparse([0, 0, 1], [0, 1, 0], [1.0, 2.0, 1.0], shape=(2, 3)).columns
+        array([1, 0])
+    """
+    found, cost = _trackrs.assign_sparse(
+        _indices(rows, "rows"), _indices(columns, "columns"), array(costs, "costs", 1), shape
+    )
+    return Assignment(frozen(found), cost)
+
+
+def _indices(value: ArrayLike, name: str) -> IntArray:
+    out = np.asarray(value)
+    if out.ndim != 1 or (out.size and out.dtype.kind not in "iu"):
+        msg = f"{name} must be a list of whole numbers, got {out.dtype} of shape {out.shape}"
+        raise DimensionError(msg)
+    return out.astype(np.int64, copy=False)
 
 
 def k_best(costs: ArrayLike, k: int, *, miss_costs: ArrayLike | None = None) -> tuple[Assignment, ...]:

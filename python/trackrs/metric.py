@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,6 +39,9 @@ class Pair:
     distance: float
 
 
+_PAIR = Struct("<qqd")  # two indices and a distance
+
+
 @dataclass(frozen=True, slots=True)
 class GospaDistance:
     """GOSPA with its parts.
@@ -45,14 +49,19 @@ class GospaDistance:
     Attributes:
         total: metres.
         localisation, missed, false_tracks: p-th powers; `total**p` is their sum.
-        pairs: targets and estimates that belong together.
+        pairs: targets and estimates that belong together; made when they are asked for.
     """
 
     total: float
     localisation: float
     missed: float
     false_tracks: float
-    pairs: tuple[Pair, ...]
+    _packed: bytes = field(repr=False)
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Targets and estimates that belong together, in the order of the targets."""
+        return tuple(Pair(*pair) for pair in _PAIR.iter_unpack(self._packed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +93,8 @@ class GOSPA:
 
 
 def _points(points: ArrayLike, name: str) -> FloatArray:
-    return np.zeros((0, 0)) if np.size(points) == 0 else array(points, name, 2)
+    size = points.size if type(points) is np.ndarray else np.size(points)
+    return array(points, name, 2) if size else np.zeros((0, 0))
 
 
 def _extents(extents: ArrayLike) -> FloatArray:
@@ -112,7 +122,7 @@ def ospa(x: ArrayLike, y: ArrayLike, c: float, p: float = 2.0) -> OspaDistance:
         >>> tr.ospa([[0.0, 0.0]], [[3.0, 4.0]], c=10.0).total
         5.0
     """
-    return OspaDistance(**_trackrs.ospa(_points(x, "x"), _points(y, "y"), c, p))
+    return OspaDistance(*_trackrs.ospa(_points(x, "x"), _points(y, "y"), c, p))
 
 
 def gospa(
@@ -149,9 +159,7 @@ def gospa(
         50.0
     """
     covs = None if extents is None else (_extents(extents[0]), _extents(extents[1]))
-    out = _trackrs.gospa(_points(truth, "truth"), _points(estimates, "estimates"), c, p, alpha, covs)
-    pairs = tuple(Pair(*pair) for pair in out.pop("pairs"))
-    return GospaDistance(pairs=pairs, **out)
+    return GospaDistance(*_trackrs.gospa(_points(truth, "truth"), _points(estimates, "estimates"), c, p, alpha, covs))
 
 
 def nees(errors: ArrayLike, covs: ArrayLike) -> ChiSquareTests:

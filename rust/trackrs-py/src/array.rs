@@ -16,12 +16,13 @@ use crate::error::exception;
 pub(crate) fn c_slice<'a, D: Dimension>(array: &'a PyReadonlyArray<'_, f64, D>, name: &str) -> PyResult<&'a [f64]> {
     match array.as_slice() {
         Ok(slice) if array.is_c_contiguous() => Ok(slice),
-        _ => Err(exception(
-            array.py(),
-            "DimensionError",
-            format!("{name} must be a C-contiguous, aligned float64 array"),
-        )),
+        _ => Err(unfit(array.py(), name)),
     }
+}
+
+fn unfit(py: Python<'_>, name: &str) -> PyErr {
+    let message = format!("{name} must be a C-contiguous, aligned float64 array");
+    exception(py, "DimensionError", message)
 }
 
 /// A vector.
@@ -35,6 +36,18 @@ pub(crate) fn matrix(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<
     let slice = c_slice(array, name)?;
     let shape = array.shape();
     Ok(DMatrix::from_row_slice(shape[0], shape[1], slice))
+}
+
+/// The same, copied while nobody else runs, without the book-keeping of who else reads or writes: of a few numbers that
+/// is most of the cost.
+pub(crate) fn copied(array: &Bound<'_, PyArray2<f64>>, name: &str) -> PyResult<DMatrix<f64>> {
+    match array.to_vec() {
+        Ok(values) if array.is_c_contiguous() => {
+            let shape = array.shape();
+            Ok(DMatrix::from_row_slice(shape[0], shape[1], &values))
+        }
+        _ => Err(unfit(array.py(), name)),
+    }
 }
 
 /// The rows of a matrix as vectors.

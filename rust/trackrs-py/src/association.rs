@@ -2,8 +2,10 @@
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use trackrs::association::assignment::sparse::{self, Candidate};
 use trackrs::association::marginals::{Domain, Marginals, Method, Options, Weights};
 use trackrs::association::{assignment, k_best as ranking, marginals as joint};
+use trackrs::error::require_size;
 
 use crate::array;
 use crate::error::{compute, count, to_python};
@@ -18,9 +20,35 @@ pub(crate) fn assign<'py>(
     py: Python<'py>,
     costs: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<(Bound<'py, PyArray1<i64>>, f64)> {
-    let matrix = array::matrix(&costs, "costs")?.transpose();
+    let (rows, columns) = (costs.shape()[0], costs.shape()[1]);
+    let costs = array::c_slice(&costs, "costs")?;
+    let solved = compute(py, || assignment::assign(costs, rows, columns))?;
+    let columns = solved.row_to_column.iter().map(|&c| column(c));
+    Ok((PyArray1::from_iter(py, columns), solved.cost))
+}
+
+/// The same with the allowed pairs as lists of rows, columns and costs.
+#[pyfunction]
+pub(crate) fn assign_sparse<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray1<'py, i64>,
+    columns: PyReadonlyArray1<'py, i64>,
+    costs: PyReadonlyArray1<'py, f64>,
+    shape: (i64, i64),
+) -> PyResult<(Bound<'py, PyArray1<i64>>, f64)> {
+    let costs = array::c_slice(&costs, "costs")?;
+    let (rows, columns) = (rows.as_array(), columns.as_array());
+    for (name, size) in [("rows", rows.len()), ("columns", columns.len())] {
+        require_size(name, costs.len(), size).map_err(|error| to_python(py, &error))?;
+    }
+    // What is no index lies outside of every shape.
+    let index = |&at: &i64| usize::try_from(at).unwrap_or(usize::MAX);
+    let pairs = rows.iter().map(index).zip(columns.iter().map(index)).zip(costs);
+    let candidates: Vec<Candidate> = pairs
+        .map(|((row, column), &cost)| Candidate { row, column, cost })
+        .collect();
     let solved = compute(py, || {
-        assignment::assign(matrix.as_slice(), matrix.ncols(), matrix.nrows())
+        sparse::assign_sparse(&candidates, count("rows", shape.0)?, count("columns", shape.1)?)
     })?;
     let columns = solved.row_to_column.iter().map(|&c| column(c));
     Ok((PyArray1::from_iter(py, columns), solved.cost))

@@ -31,7 +31,7 @@ mod _trackrs {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::association::{assign, k_best, marginals};
+    use crate::association::{assign, assign_sparse, k_best, marginals};
     #[pymodule_export]
     use crate::batch::{TrackBatch, simd_levels};
     #[pymodule_export]

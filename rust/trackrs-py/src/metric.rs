@@ -3,6 +3,7 @@
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use trackrs::Track;
 use trackrs::metric::consistency::{self, ChiSquareTests};
 use trackrs::metric::evaluate::{self as core, FrameScore, Scoring, TargetScore, TruthPath};
@@ -11,51 +12,35 @@ use trackrs::metric::{gospa as gospa_, innovation, ospa as ospa_, whiteness as w
 use crate::array;
 use crate::error::{compute, count, to_python};
 
-#[derive(IntoPyObject)]
-pub(crate) struct Ospa {
-    total: f64,
-    localisation: f64,
-    cardinality: f64,
-}
-
+/// Total, localisation, cardinality.
 #[pyfunction]
 pub(crate) fn ospa(
     py: Python<'_>,
-    x: PyReadonlyArray2<'_, f64>,
-    y: PyReadonlyArray2<'_, f64>,
+    x: &Bound<'_, PyArray2<f64>>,
+    y: &Bound<'_, PyArray2<f64>>,
     cutoff: f64,
     order: f64,
-) -> PyResult<Ospa> {
-    let (x, y) = (array::matrix(&x, "x")?, array::matrix(&y, "y")?);
+) -> PyResult<(f64, f64, f64)> {
+    let (x, y) = (array::copied(x, "x")?, array::copied(y, "y")?);
     let out = compute(py, || ospa_::ospa(&x, &y, cutoff, order))?;
-    Ok(Ospa {
-        total: out.total,
-        localisation: out.localisation,
-        cardinality: out.cardinality,
-    })
+    Ok((out.total, out.localisation, out.cardinality))
 }
 
-#[derive(IntoPyObject)]
-pub(crate) struct Gospa {
-    total: f64,
-    localisation: f64,
-    missed: f64,
-    false_tracks: f64,
-    pairs: Vec<(usize, usize, f64)>,
-}
+/// Total, localisation, missed, false; and the pairs, 24 bytes each, as two integers and a number.
+type Gospa<'py> = (f64, f64, f64, f64, Bound<'py, PyBytes>);
 
 #[pyfunction]
 #[pyo3(signature = (truth, estimates, cutoff, order, alpha, extents = None))]
-pub(crate) fn gospa(
-    py: Python<'_>,
-    truth: PyReadonlyArray2<'_, f64>,
-    estimates: PyReadonlyArray2<'_, f64>,
+pub(crate) fn gospa<'py>(
+    py: Python<'py>,
+    truth: &Bound<'py, PyArray2<f64>>,
+    estimates: &Bound<'py, PyArray2<f64>>,
     cutoff: f64,
     order: f64,
     alpha: f64,
-    extents: Option<(PyReadonlyArray3<'_, f64>, PyReadonlyArray3<'_, f64>)>,
-) -> PyResult<Gospa> {
-    let (x, y) = (array::matrix(&truth, "truth")?, array::matrix(&estimates, "estimates")?);
+    extents: Option<(PyReadonlyArray3<'py, f64>, PyReadonlyArray3<'py, f64>)>,
+) -> PyResult<Gospa<'py>> {
+    let (x, y) = (array::copied(truth, "truth")?, array::copied(estimates, "estimates")?);
     let covs = |covs: &PyReadonlyArray3<'_, f64>| array::matrices(covs, "extents");
     let extents = extents
         .map(|(of_x, of_y)| Ok::<_, PyErr>([covs(&of_x)?, covs(&of_y)?]))
@@ -65,13 +50,15 @@ pub(crate) fn gospa(
         None => gospa_::gospa(&x, &y, cutoff, order, alpha),
         Some([of_x, of_y]) => gospa_::gospa_of_extents(of(&x, of_x), of(&y, of_y), cutoff, order, alpha),
     })?;
-    Ok(Gospa {
-        total: out.total,
-        localisation: out.localisation,
-        missed: out.missed,
-        false_tracks: out.false_tracks,
-        pairs: out.pairs.iter().map(|p| (p.truth, p.estimate, p.distance)).collect(),
-    })
+    let mut pairs = Vec::with_capacity(24 * out.pairs.len());
+    for pair in &out.pairs {
+        for index in [pair.truth, pair.estimate] {
+            pairs.extend_from_slice(&(index as u64).to_le_bytes());
+        }
+        pairs.extend_from_slice(&pair.distance.to_le_bytes());
+    }
+    let pairs = PyBytes::new(py, &pairs);
+    Ok((out.total, out.localisation, out.missed, out.false_tracks, pairs))
 }
 
 /// One entry per row.

@@ -33,12 +33,17 @@
 //! assignment algorithms*, IEEE Trans. Aerosp. Electron. Syst. 52(4), 2016, for (2) and (3).
 
 mod kernels;
+mod lists;
 mod paths;
+mod price;
+pub mod sparse;
 
 use crate::error::{Error, Result, require_finite, require_size};
 use kernels::all_at_most;
-use paths::{NONE, Solver};
+use paths::Solver;
 
+/// No row, no column.
+const NONE: usize = usize::MAX;
 /// Sums of costs up to this along any path stay finite.
 const LARGEST_COST: f64 = 1e300;
 
@@ -73,7 +78,7 @@ pub fn assign_with_misses(costs: &[f64], rows: usize, columns: usize, miss_costs
     check(costs, rows, columns)?;
     require_size("miss costs", rows, miss_costs.len())?;
     require_finite("miss cost", miss_costs)?;
-    check_magnitude("miss cost", miss_costs)?;
+    check_magnitude("miss cost", miss_costs.iter().copied())?;
     Ok(solve(costs, rows, columns, Some(miss_costs)))
 }
 
@@ -132,12 +137,12 @@ fn check(costs: &[f64], rows: usize, columns: usize) -> Result<()> {
             index,
         });
     }
-    check_magnitude("assignment cost", costs)
+    check_magnitude("assignment cost", costs.iter().copied())
 }
 
-fn check_magnitude(name: &str, costs: &[f64]) -> Result<()> {
-    let excessive = |c: &&f64| c.is_finite() && c.abs() > LARGEST_COST;
-    costs.iter().find(excessive).map_or(Ok(()), |c| {
+fn check_magnitude(name: &str, mut costs: impl Iterator<Item = f64>) -> Result<()> {
+    let excessive = |c: &f64| c.is_finite() && c.abs() > LARGEST_COST;
+    costs.find(excessive).map_or(Ok(()), |c| {
         let requirement = "must not exceed 1e300 in magnitude; infinity forbids a pair";
         Err(Error::invalid(name, c, requirement))
     })

@@ -20,8 +20,8 @@
 
 use nalgebra::DMatrix;
 
-use super::ospa::{cutoff_power, distances, power, root};
-use crate::association::assignment::assign;
+use super::near::{Near, distances, matched, near};
+use super::ospa::{cutoff_power, power, root};
 use crate::error::{Error, Result, require_size};
 use crate::linalg::cholesky::Cholesky;
 use crate::linalg::symmetric::{symmetric_eigen, symmetrise};
@@ -58,13 +58,9 @@ pub struct Gospa {
 
 /// The GOSPA distance of the estimates from the truth, given as rows; either may be empty.
 pub fn gospa(truth: &DMatrix<f64>, estimates: &DMatrix<f64>, cutoff: f64, order: f64, alpha: f64) -> Result<Gospa> {
-    score(
-        &distances(truth, estimates)?,
-        [truth.nrows(), estimates.nrows()],
-        cutoff,
-        order,
-        alpha,
-    )
+    check(cutoff, order, alpha)?;
+    let near = near(truth, estimates, cutoff)?;
+    score(&near, [truth.nrows(), estimates.nrows()], cutoff, order, alpha)
 }
 
 /// The same between ellipses: d² is the squared distance of the centres and that of the extents,
@@ -86,7 +82,22 @@ pub fn gospa_of_extents(
             *d = (*d * *d + wasserstein_squared(x, y)?).sqrt();
         }
     }
-    score(&apart, [m, n], cutoff, order, alpha)
+    check(cutoff, order, alpha)?;
+    let pairs = apart.iter().enumerate().map(|(at, &distance)| Near {
+        row: at / n,
+        column: at % n,
+        distance,
+    });
+    let near: Vec<Near> = pairs.filter(|pair| pair.distance < cutoff).collect();
+    score(&near, [m, n], cutoff, order, alpha)
+}
+
+fn check(cutoff: f64, order: f64, alpha: f64) -> Result<()> {
+    cutoff_power(cutoff, order)?;
+    if !(alpha > 0.0 && alpha <= 2.0) {
+        return Err(Error::invalid("alpha", alpha, "must be above 0 and at most 2"));
+    }
+    Ok(())
 }
 
 /// Centres as rows, and a covariance for each.
@@ -109,25 +120,16 @@ fn wasserstein_squared(x: &DMatrix<f64>, y: &DMatrix<f64>) -> Result<f64> {
     Ok((x.trace() + y.trace() - 2.0 * roots).max(0.0))
 }
 
-fn score(distances: &[f64], [m, n]: [usize; 2], cutoff: f64, order: f64, alpha: f64) -> Result<Gospa> {
+fn score(near: &[Near], [m, n]: [usize; 2], cutoff: f64, order: f64, alpha: f64) -> Result<Gospa> {
     let full = cutoff_power(cutoff, order)?;
-    if !(alpha > 0.0 && alpha <= 2.0) {
-        return Err(Error::invalid("alpha", alpha, "must be above 0 and at most 2"));
-    }
-    let costs: Vec<f64> = distances.iter().map(|d| power(d.min(cutoff), order)).collect();
-    let matched = assign(&costs, m, n)?.row_to_column;
     let mut out = Gospa::default();
-    for (truth, column) in matched.iter().enumerate() {
-        let Some(estimate) = *column else { continue };
-        let distance = distances[truth * n + estimate];
-        if distance < cutoff {
-            out.localisation += costs[truth * n + estimate];
-            out.pairs.push(Pair {
-                truth,
-                estimate,
-                distance,
-            });
-        }
+    for pair in matched(near, [m, n], full, order)?.into_iter().flatten() {
+        out.localisation += power(pair.distance, order);
+        out.pairs.push(Pair {
+            truth: pair.row,
+            estimate: pair.column,
+            distance: pair.distance,
+        });
     }
     out.n_missed = m - out.pairs.len();
     out.n_false = n - out.pairs.len();

@@ -4,5 +4,6 @@ pub mod consistency;
 pub mod evaluate;
 pub mod gospa;
 pub mod innovation;
+mod near;
 pub mod ospa;
 pub mod whiteness;

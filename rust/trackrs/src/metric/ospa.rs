@@ -12,15 +12,16 @@
 //! 2. `cardinalityᵖ = cᵖ (n − m) / n`
 //! 3. `totalᵖ = localisationᵖ + cardinalityᵖ`, and 0 if both sets are empty.
 //!
-//! The assignment is solved on `d_cᵖ`: solved on `d_c` it would not give the minimum for p > 1.
+//! The assignment is solved on `d_cᵖ`: solved on `d_c` it would not give the minimum for p > 1. Pairs not closer than c
+//! are as good as none, so that only the others are looked for (`near`).
 //!
 //! Reference: D. Schuhmacher, B.-T. Vo, B.-N. Vo, *A consistent metric for performance evaluation of multi-object
 //! filters*, IEEE Trans. Signal Processing 56(8), 2008, equations (3) and (4).
 
 use nalgebra::DMatrix;
 
-use crate::association::assignment::assign;
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use super::near::{Near, matched, near};
+use crate::error::{Error, Result, require_positive};
 
 /// OSPA and its parts, in the unit of the points: `total`ᵖ = `localisation`ᵖ + `cardinality`ᵖ.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -39,13 +40,16 @@ pub struct Ospa {
 pub fn ospa(x: &DMatrix<f64>, y: &DMatrix<f64>, cutoff: f64, order: f64) -> Result<Ospa> {
     let full = cutoff_power(cutoff, order)?;
     let (few, many) = if x.nrows() <= y.nrows() { (x, y) } else { (y, x) };
-    let distances = distances(few, many)?;
+    let near = near(few, many, cutoff)?;
     let (m, n) = (few.nrows(), many.nrows());
     if n == 0 {
         return Ok(Ospa::default());
     }
-    let costs: Vec<f64> = distances.iter().map(|d| power(d.min(cutoff), order)).collect();
-    let localisation = assign(&costs, m, n)?.cost / n as f64;
+    let mut sum = 0.0;
+    for pair in matched(&near, [m, n], full, order)? {
+        sum += pair.map_or(full, |Near { distance, .. }| power(distance, order));
+    }
+    let localisation = sum / n as f64;
     let cardinality = full * ((n - m) as f64 / n as f64);
     Ok(Ospa {
         total: root(localisation + cardinality, order),
@@ -69,25 +73,6 @@ pub(super) fn cutoff_power(cutoff: f64, order: f64) -> Result<f64> {
         cutoff,
         "c to the power p must lie between 1e-290 and 1e290",
     ))
-}
-
-/// Euclidean distances, row-major: every row of `x` with every row of `y`. An empty set has no dimension to check.
-pub(super) fn distances(x: &DMatrix<f64>, y: &DMatrix<f64>) -> Result<Vec<f64>> {
-    let (left, right) = (x.transpose(), y.transpose()); // columns are contiguous
-    require_finite("points", &left)?;
-    require_finite("points", &right)?;
-    if x.nrows() == 0 || y.nrows() == 0 {
-        return Ok(Vec::new());
-    }
-    require_size("coordinates of a point", x.ncols(), y.ncols())?;
-    let mut out = Vec::with_capacity(x.nrows() * y.nrows());
-    for a in left.column_iter() {
-        for b in right.column_iter() {
-            let square: f64 = a.iter().zip(&b).map(|(a, b)| (a - b) * (a - b)).sum();
-            out.push(square.sqrt());
-        }
-    }
-    Ok(out)
 }
 
 pub(super) fn power(value: f64, order: f64) -> f64 {

@@ -119,10 +119,13 @@ impl DensityPeakPartition {
     pub(crate) fn explain_indexed(&self, index: &Index<'_>) -> Result<DensityPeaks> {
         self.check()?;
         let d_c = self.scale(index)?;
-        let rho = densities(index, d_c, self.kernel);
-        let mut order: Vec<usize> = (0..rho.len()).collect();
-        order.sort_by(|&a, &b| rho[b].total_cmp(&rho[a]).then(a.cmp(&b)));
-        let Links { delta, nearest_denser } = links(index, &order);
+        let arch = super::instructions()?;
+        let rho = arch.dispatch(|| densities(index, d_c, self.kernel));
+        // Densities are not negative, so their bits are in their order.
+        let mut keys: Vec<(u64, usize)> = rho.iter().map(|rho| !rho.to_bits()).zip(0..).collect();
+        keys.sort_unstable();
+        let order: Vec<usize> = keys.iter().map(|&(_, i)| i).collect();
+        let Links { delta, nearest_denser } = arch.dispatch(|| links(index, &order));
         let gamma: Vec<f64> = rho.iter().zip(&delta).map(|(rho, delta)| rho * delta).collect();
         let peaks = self.choose(&order, &delta, &gamma, d_c);
         let mut found = DensityPeaks {
@@ -171,11 +174,18 @@ impl DensityPeakPartition {
     }
 
     fn choose(&self, order: &[usize], delta: &[f64], gamma: &[f64], d_c: f64) -> Vec<usize> {
-        // Stable: ties stay in the order of density.
-        let mut peaks = order.to_vec();
-        peaks.sort_by(|&a, &b| gamma[b].total_cmp(&gamma[a]));
+        // γ is not negative; ties stay in the order of density.
+        let mut keys: Vec<(u64, usize)> = order.iter().map(|&i| !gamma[i].to_bits()).zip(0..).collect();
+        if let Peaks::Count(count) = self.peaks
+            && count < keys.len()
+        {
+            keys.select_nth_unstable(count);
+            keys.truncate(count);
+        }
+        keys.sort_unstable();
+        let mut peaks: Vec<usize> = keys.iter().map(|&(_, rank)| order[rank]).collect();
         match self.peaks {
-            Peaks::Count(count) => peaks.truncate(count),
+            Peaks::Count(_) => {}
             Peaks::Gap => peaks.truncate(before_gap(&peaks, gamma)),
             Peaks::Distance(kappa) => {
                 let densest = order.first().copied();
@@ -233,19 +243,24 @@ fn before_gap(peaks: &[usize], gamma: &[f64]) -> usize {
     count
 }
 
+#[inline(always)]
 fn densities(index: &Index<'_>, d_c: f64, kernel: Kernel) -> Vec<f64> {
-    let n = index.points.len();
     // Not zero, lest coincident points give 0/0.
     let squared = (d_c * d_c).max(f64::MIN_POSITIVE);
-    match kernel {
-        Kernel::Cutoff => {
-            let bound = square_of_bound(d_c);
+    let bound = square_of_bound(d_c);
+    let mut rho = vec![0.0; index.order.len()];
+    // In the order of the index, so that one query finds in the caches what the last one has read.
+    for &i in &index.order {
+        rho[i] = match kernel {
             // A point is nearer than d_c to itself.
-            let count = |i| index.count(index.points.point(i), usize::MAX, |d2| d2 < bound);
-            (0..n).map(|i| count(i).saturating_sub(1) as f64).collect()
-        }
-        Kernel::Gaussian => (0..n).map(|i| gaussian_density(index, i, squared)).collect(),
+            Kernel::Cutoff => {
+                let near = index.count(index.points.point(i), usize::MAX, |d2| d2 < bound);
+                near.saturating_sub(1) as f64
+            }
+            Kernel::Gaussian => gaussian_density(index, i, squared),
+        };
     }
+    rho
 }
 
 fn gaussian_density(index: &Index<'_>, i: usize, squared: f64) -> f64 {
@@ -287,47 +302,63 @@ struct Links {
 }
 
 /// The nearest denser point of every point. A node whose densest point is not denser is skipped.
+#[inline(always)]
 fn links(index: &Index<'_>, order: &[usize]) -> Links {
     let n = order.len();
-    let mut ranks = vec![0; n];
+    // Ranks as numbers that can be compared in the lanes of the distances.
+    let mut ranks = vec![0.0; n];
     for (rank, &i) in order.iter().enumerate() {
-        ranks[i] = rank;
+        ranks[i] = rank as f64;
     }
     // Ranks in the order of the index, and the least in every node; children stand behind their parents.
-    let sorted: Vec<usize> = index.order.iter().map(|&i| ranks[i]).collect();
-    let mut least = vec![n; index.nodes.len()];
+    let sorted: Vec<f64> = index.order.iter().map(|&i| ranks[i]).collect();
+    let mut least = vec![f64::INFINITY; index.nodes.len()];
     for (node, content) in index.nodes.iter().enumerate().rev() {
         least[node] = match content.second {
             Some(second) => least[node + 1].min(least[second]),
-            None => sorted[content.range.clone()].iter().copied().min().unwrap_or(n),
+            None => sorted[content.range.clone()]
+                .iter()
+                .copied()
+                .fold(f64::INFINITY, f64::min),
         };
     }
     let mut out = Links {
         delta: vec![0.0; n],
         nearest_denser: vec![None; n],
     };
-    for (rank, &i) in order.iter().enumerate() {
+    for (&i, &rank) in index.order.iter().zip(&sorted) {
         let query = index.points.point(i);
-        if rank == 0 {
+        if rank == 0.0 {
             out.delta[i] = libm::sqrt(index.farthest(query));
             continue;
         }
-        let mut best = (f64::INFINITY, n);
+        let mut best = (f64::INFINITY, f64::INFINITY, None);
         index.descend(query, |node, reach| {
             if least[node] >= rank || reach.nearest > best.0 {
                 return false;
             }
             if index.is_leaf(node) {
-                for (at, d2) in index.members(node, query) {
-                    if sorted[at] < rank && (d2, sorted[at]) < best {
-                        best = (d2, sorted[at]);
+                index.scan(node, query, |first, squares| {
+                    let ranks = &sorted[first..first + squares.len()];
+                    // Most leaves bring nothing nearer, which the lanes tell.
+                    let mut nearer = false;
+                    for (&d2, &other) in squares.iter().zip(ranks) {
+                        nearer |= other < rank && d2 <= best.0;
                     }
-                }
+                    if !nearer {
+                        return;
+                    }
+                    for (lane, (&d2, &other)) in squares.iter().zip(ranks).enumerate() {
+                        if other < rank && (d2, other) < (best.0, best.1) {
+                            best = (d2, other, Some(index.order[first + lane]));
+                        }
+                    }
+                });
             }
             true
         });
         out.delta[i] = libm::sqrt(best.0);
-        out.nearest_denser[i] = order.get(best.1).copied();
+        out.nearest_denser[i] = best.2;
     }
     out
 }

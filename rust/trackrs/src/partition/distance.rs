@@ -19,6 +19,7 @@
 //! Reference: Granström, Lundquist, Orguner 2012; spec 6.1. The spanning tree and `difference` are ours.
 
 use serde::{Deserialize, Serialize};
+use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 
 use super::points::{Partition, Points};
@@ -167,9 +168,13 @@ fn with_splits(points: &Points, cuts: Vec<Partition>, sub: SubPartitions) -> Res
             let parts = poisson_split::targets(cell.len(), sub.detections_per_target);
             if parts > 1 {
                 let run = splits.len() as u64;
-                let split = splits
-                    .entry(cell.clone())
-                    .or_insert_with(|| kmeans::cluster(&points.select(&cell), parts, &mut Stream::new(sub.seed, run)));
+                let split = match splits.entry(cell.clone()) {
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(new) => {
+                        let stream = &mut Stream::new(sub.seed, run);
+                        new.insert(kmeans::cluster(&points.select(&cell), parts, stream)?)
+                    }
+                };
                 found.push(cut.with_split(&cell, split));
             }
         }

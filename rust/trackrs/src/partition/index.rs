@@ -15,10 +15,10 @@
 
 use std::ops::Range;
 
-use super::points::{Points, squared};
+use super::points::Points;
 
 /// Nodes with at most so many points are not cut.
-const LEAF: usize = 16;
+pub(crate) const LEAF: usize = 16;
 
 /// A node: a range of `order`, and where its children are.
 #[derive(Debug, Clone)]
@@ -32,7 +32,7 @@ pub(crate) struct Node {
 #[derive(Debug, Clone)]
 pub(crate) struct Index<'a> {
     pub(crate) points: &'a Points,
-    /// Coordinates in the order of `order`, so that a leaf is read in one go.
+    /// Coordinates in the order of `order`, one axis after the other, so that a leaf is read in one go.
     sorted: Vec<f64>,
     pub(crate) order: Vec<usize>,
     pub(crate) nodes: Vec<Node>,
@@ -51,6 +51,17 @@ pub(crate) fn square_of_bound(length: f64) -> f64 {
     square
 }
 
+/// Squares of how near and how far a coordinate can be.
+#[inline(always)]
+fn bounds(x: f64, low: f64, high: f64) -> (f64, f64) {
+    let (below, above) = (low - x, x - high);
+    let near = if below > above { below } else { above };
+    let near = if near > 0.0 { near } else { 0.0 };
+    let (below, above) = (below.abs(), above.abs());
+    let far = if below > above { below } else { above };
+    (near * near, far * far)
+}
+
 /// How near and how far the points of a node can be.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reach {
@@ -60,24 +71,26 @@ pub(crate) struct Reach {
 
 impl<'a> Index<'a> {
     pub(crate) fn new(points: &'a Points) -> Self {
+        let leaves = 2 * points.len().div_ceil(LEAF);
         let mut index = Self {
             points,
             sorted: Vec::with_capacity(points.values().len()),
             order: (0..points.len()).collect(),
-            nodes: Vec::with_capacity(points.len() / LEAF * 3 + 1),
-            boxes: Vec::new(),
+            nodes: Vec::with_capacity(leaves),
+            boxes: Vec::with_capacity(2 * leaves * points.dims()),
         };
         if !points.is_empty() {
-            index.build(0..points.len());
+            let mut keys = Vec::with_capacity(points.len());
+            index.build(0..points.len(), &mut keys);
         }
-        for &i in &index.order {
-            index.sorted.extend_from_slice(points.point(i));
+        for axis in 0..points.dims() {
+            index.sorted.extend(index.order.iter().map(|&i| points.point(i)[axis]));
         }
         index
     }
 
-    /// Adds the node of this range and everything below it.
-    fn build(&mut self, range: Range<usize>) {
+    /// Adds the node of this range and everything below it; `keys` is memory to use.
+    fn build(&mut self, range: Range<usize>, keys: &mut Vec<(f64, usize)>) {
         let dims = self.points.dims();
         let at = self.boxes.len();
         let first = self.points.point(self.order[range.start]);
@@ -86,8 +99,8 @@ impl<'a> Index<'a> {
         let (low, high) = self.boxes[at..].split_at_mut(dims);
         for &i in &self.order[range.clone()] {
             for ((low, high), &x) in low.iter_mut().zip(high.iter_mut()).zip(self.points.point(i)) {
-                *low = low.min(x);
-                *high = high.max(x);
+                *low = if x < *low { x } else { *low };
+                *high = if x > *high { x } else { *high };
             }
         }
         let (mut axis, mut width) = (0, 0.0);
@@ -104,57 +117,112 @@ impl<'a> Index<'a> {
         if range.len() <= LEAF || width == 0.0 {
             return;
         }
-        let middle = range.len() / 2;
+        // Full leaves but for the last one.
+        let middle = range.len().div_ceil(2).next_multiple_of(LEAF);
         let points = self.points;
-        self.order[range.clone()].select_nth_unstable_by(middle, |&a, &b| {
-            let (x, y) = (points.point(a)[axis], points.point(b)[axis]);
-            x.total_cmp(&y).then(a.cmp(&b))
-        });
-        self.build(range.start..range.start + middle);
+        keys.clear();
+        keys.extend(self.order[range.clone()].iter().map(|&i| (points.point(i)[axis], i)));
+        keys.select_nth_unstable_by(middle, |(x, a), (y, b)| x.total_cmp(y).then(a.cmp(b)));
+        for (place, &(_, i)) in self.order[range.clone()].iter_mut().zip(keys.iter()) {
+            *place = i;
+        }
+        self.build(range.start..range.start + middle, keys);
         self.nodes[node].second = Some(self.nodes.len());
-        self.build(range.start + middle..range.end);
+        self.build(range.start + middle..range.end, keys);
     }
 
     /// Bounds of the squared distance from `query` to the points of a node. A box of no extent gives equal bounds.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn reach(&self, node: usize, query: &[f64]) -> Reach {
         let dims = query.len();
         let corners = &self.boxes[2 * dims * node..2 * dims * (node + 1)];
+        // Two coordinates are the common case; both ways sum in the same order.
+        if let (&[x, y], &[low_x, low_y, high_x, high_y]) = (query, corners) {
+            let ((near_x, far_x), (near_y, far_y)) = (bounds(x, low_x, high_x), bounds(y, low_y, high_y));
+            return Reach {
+                nearest: near_x + near_y,
+                farthest: far_x + far_y,
+            };
+        }
         let (low, high) = corners.split_at(dims);
         let mut reach = Reach {
             nearest: 0.0,
             farthest: 0.0,
         };
         for ((&x, &low), &high) in query.iter().zip(low).zip(high) {
-            let (below, above) = (low - x, x - high);
-            let near = below.max(above).max(0.0);
-            let far = below.abs().max(above.abs());
-            reach.nearest += near * near;
-            reach.farthest += far * far;
+            let (near, far) = bounds(x, low, high);
+            reach.nearest += near;
+            reach.farthest += far;
         }
         reach
+    }
+
+    /// Squared distance of the point at this place of `order`.
+    #[inline(always)]
+    pub(crate) fn square(&self, at: usize, query: &[f64]) -> f64 {
+        if let &[x, y] = query {
+            let (u, v) = (self.sorted[at] - x, self.sorted[self.order.len() + at] - y);
+            return u * u + v * v;
+        }
+        let axes = self.sorted.chunks_exact(self.order.len());
+        let square = |(values, x): (&[f64], &f64)| (values[at] - x) * (values[at] - x);
+        axes.zip(query).map(square).fold(0.0, |sum, square| sum + square)
     }
 
     /// The points of a node: their places in `order`, and squared distances from `query`.
     #[inline]
     pub(crate) fn members<'b>(&'b self, node: usize, query: &'b [f64]) -> impl Iterator<Item = (usize, f64)> + 'b {
-        let range = self.nodes[node].range.clone();
-        let dims = query.len();
-        let rows = self.sorted[range.start * dims..range.end * dims].chunks_exact(dims);
-        range.zip(rows).map(move |(at, row)| (at, squared(row, query)))
+        self.nodes[node]
+            .range
+            .clone()
+            .map(move |at| (at, self.square(at, query)))
+    }
+
+    /// The same, `LEAF` of them at a time: the place of the first and the squared distances.
+    #[inline(always)]
+    pub(crate) fn scan(&self, node: usize, query: &[f64], mut visit: impl FnMut(usize, &[f64])) {
+        let Range { start, end } = self.nodes[node].range;
+        let mut buffer = [0.0; LEAF];
+        for first in (start..end).step_by(LEAF) {
+            let count = LEAF.min(end - first);
+            self.squares(first, query, &mut buffer[..count]);
+            visit(first, &buffer[..count]);
+        }
+    }
+
+    /// Squared distances of the points from `first` on.
+    #[inline(always)]
+    fn squares(&self, first: usize, query: &[f64], out: &mut [f64]) {
+        let n = self.order.len();
+        if let &[x, y] = query {
+            let (xs, ys) = self.sorted.split_at(n);
+            let (xs, ys) = (&xs[first..first + out.len()], &ys[first..first + out.len()]);
+            for ((out, a), b) in out.iter_mut().zip(xs).zip(ys) {
+                let (u, v) = (a - x, b - y);
+                *out = u * u + v * v;
+            }
+            return;
+        }
+        out.fill(0.0);
+        for (values, x) in self.sorted.chunks_exact(n).zip(query) {
+            for (out, value) in out.iter_mut().zip(&values[first..]) {
+                *out += (value - x) * (value - x);
+            }
+        }
     }
 
     /// Visits nodes from the root down; `enter` says of each whether to go into its children, near one first, and works
     /// on leaves itself.
+    #[inline(always)]
     pub(crate) fn descend(&self, query: &[f64], mut enter: impl FnMut(usize, Reach) -> bool) {
-        // The tree is balanced but for coincident points, so that its depth is at most log₂ n + 1.
-        let mut waiting: [(usize, Reach); 72] = [(
+        // Nodes are halved down to `LEAF`, so that this is enough for 2³⁵ points.
+        let mut waiting = [(
             0,
             Reach {
                 nearest: 0.0,
                 farthest: 0.0,
             },
-        ); 72];
+        ); 32];
         let mut count = 0;
         if !self.nodes.is_empty() {
             waiting[0] = (0, self.reach(0, query));
@@ -205,6 +273,7 @@ impl<'a> Index<'a> {
 
     /// How many points have a squared distance for which `inside` holds; it must hold below some bound and not above.
     /// Counting stops at `enough`.
+    #[inline(always)]
     pub(crate) fn count(&self, query: &[f64], enough: usize, inside: impl Fn(f64) -> bool) -> usize {
         let mut count = 0;
         self.descend(query, |node, reach| {
@@ -216,7 +285,11 @@ impl<'a> Index<'a> {
                 return false;
             }
             if self.is_leaf(node) {
-                count += self.members(node, query).filter(|&(_, d2)| inside(d2)).count();
+                self.scan(node, query, |_, squares| {
+                    // Wrapping, because checked sums are not vectorised; there are `LEAF` at most.
+                    let within = squares.iter().map(|&d2| usize::from(inside(d2)));
+                    count += within.fold(0, usize::wrapping_add);
+                });
             }
             true
         });

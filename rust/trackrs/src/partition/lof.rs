@@ -16,16 +16,21 @@
 //! 3. LOF(i) = mean over j ∈ N_k(i) of lrd(j) / lrd(i). A point is clutter if LOF > threshold.
 //!
 //! More than k coincident points: lrd = ∞, with ∞/∞ = 1, finite/∞ = 0, ∞/finite = ∞. A single point: LOF = 1.
-//! Neighbours are found anew in every step rather than kept, so memory is O(n) whatever k.
+//! Up to `KEPT` neighbours of a point are kept from the first step to the last; if there are more they are found anew in
+//! every step, so that memory is O(n) whatever k. Steps go through the points in the order of the index.
 //!
 //! Reference: Breunig, Kriegel, Ng, Sander 2000; spec 6.4. scikit-learn adds 10⁻¹⁰ to the mean of reach; we do not.
 
-use serde::{Deserialize, Serialize};
-use std::collections::BinaryHeap;
+use std::ops::Range;
 
-use super::index::Index;
+use serde::{Deserialize, Serialize};
+
+use super::index::{Index, LEAF};
 use super::points::Points;
 use crate::error::{Error, Result, require_positive};
+
+/// Neighbours that are kept per point.
+const KEPT: usize = 32;
 
 /// The outlier factor, and from which value on a point is clutter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,13 +65,6 @@ pub struct OutlierFactors {
     pub factors: Vec<f64>,
 }
 
-/// How far the neighbours of a point reach: among those at `distance_squared` only indices up to `last` count.
-#[derive(Debug, Clone, Copy)]
-struct Neighbourhood {
-    distance_squared: f64,
-    last: usize,
-}
-
 impl LocalOutlierFactor {
     /// The factor of every point, and what it is made of.
     pub fn explain(&self, points: &Points) -> Result<OutlierFactors> {
@@ -75,34 +73,38 @@ impl LocalOutlierFactor {
         }
         require_positive("threshold", self.threshold)?;
         let index = Index::new(points);
+        let arch = super::instructions()?;
         let n = points.len();
         let k = self.n_neighbors.min(n.saturating_sub(1));
-        let mut nearest = BinaryHeap::new();
-        let around: Vec<Neighbourhood> = (0..n).map(|i| self.neighbourhood(&index, i, k, &mut nearest)).collect();
-        let k_distance: Vec<f64> = around.iter().map(|a| libm::sqrt(a.distance_squared)).collect();
+        let around = arch.dispatch(|| Neighbours::new(&index, k, self.include_ties));
+        let k_distance: Vec<f64> = around.bounds.iter().map(|bound| libm::sqrt(bound.0)).collect();
         let mut density = vec![f64::INFINITY; n];
-        for (i, lrd) in density.iter_mut().enumerate() {
+        for (at, lrd) in density.iter_mut().enumerate() {
             let mut reach = Mean::default();
-            if around[i].distance_squared > 0.0 {
-                each_neighbour(&index, i, around[i], |j, d2| {
-                    reach.add(libm::sqrt(d2).max(k_distance[j]));
+            if k_distance[at] > 0.0 {
+                let query = points.point(index.order[at]);
+                around.each(at, |other| {
+                    let d = libm::sqrt(index.square(other, query));
+                    reach.add(if d > k_distance[other] { d } else { k_distance[other] });
                 });
                 *lrd = 1.0 / reach.value();
             }
         }
-        let factor = |i: usize| {
-            if around[i].distance_squared == 0.0 {
-                return 1.0;
-            }
-            let mut ratios = Mean::default();
-            each_neighbour(&index, i, around[i], |j, _| ratios.add(ratio(density[j], density[i])));
-            ratios.value()
+        let mut out = OutlierFactors {
+            k_distance: vec![0.0; n],
+            reachability_density: vec![0.0; n],
+            factors: vec![1.0; n],
         };
-        Ok(OutlierFactors {
-            factors: (0..n).map(factor).collect(),
-            k_distance,
-            reachability_density: density,
-        })
+        for (at, &i) in index.order.iter().enumerate() {
+            out.k_distance[i] = k_distance[at];
+            out.reachability_density[i] = density[at];
+            if k_distance[at] > 0.0 {
+                let mut ratios = Mean::default();
+                around.each(at, |other| ratios.add(ratio(density[other], density[at])));
+                out.factors[i] = ratios.value();
+            }
+        }
+        Ok(out)
     }
 
     /// The points that are no clutter, ascending.
@@ -112,50 +114,144 @@ impl LocalOutlierFactor {
             .filter(|&i| found.factors[i] <= self.threshold)
             .collect())
     }
+}
 
-    /// The k nearest other points of point `i`, as their bound; `nearest` is memory to use.
-    fn neighbourhood(&self, index: &Index<'_>, i: usize, k: usize, nearest: &mut Nearest) -> Neighbourhood {
-        nearest.clear();
-        let query = index.points.point(i);
+/// Bits of a squared distance, and the place of that point.
+type Found = (u64, usize);
+
+/// The neighbours of every point. Points go by their places in the order of the index.
+struct Neighbours<'a> {
+    index: &'a Index<'a>,
+    /// Squared distance of the farthest neighbour, and the last index that counts at that distance.
+    bounds: Vec<(f64, usize)>,
+    /// Where the neighbours of a point begin and end in `places`; none where they are not kept.
+    kept: Vec<Range<usize>>,
+    places: Vec<usize>,
+}
+
+impl<'a> Neighbours<'a> {
+    #[inline(always)]
+    fn new(index: &'a Index<'a>, k: usize, include_ties: bool) -> Self {
+        let n = index.order.len();
+        let mut out = Self {
+            index,
+            bounds: Vec::with_capacity(n),
+            kept: Vec::with_capacity(n),
+            places: Vec::with_capacity(n * k.min(KEPT)),
+        };
+        let mut found = Vec::new();
+        for at in 0..n {
+            let first = out.places.len();
+            let (bound, count) = out.nearest(at, k, include_ties, &mut found);
+            if count <= KEPT + 1 {
+                let places = found[..count].iter().map(|&(_, place)| place);
+                out.places.extend(places.filter(|&place| place != at));
+            }
+            out.bounds.push(bound);
+            out.kept.push(first..out.places.len());
+        }
+        out
+    }
+
+    /// Puts point `at` and its neighbours first in `found`; returns their bound and how many there are.
+    ///
+    /// Whatever is not farther than the bound so far is put down, without a branch; when there is a good deal of it, the
+    /// k nearest are taken out and give a new bound.
+    #[inline(always)]
+    fn nearest(&self, at: usize, k: usize, include_ties: bool, found: &mut Vec<Found>) -> ((f64, usize), usize) {
+        let index = self.index;
+        let query = index.points.point(index.order[at]);
+        let mut full = k + 1 + 2 * LEAF;
+        let mut count = 0;
+        let mut limit = f64::INFINITY;
         index.descend(query, |node, reach| {
-            // Squared distances are not negative, so their bits are in their order.
-            if nearest.len() == k && nearest.peek().is_none_or(|worst| reach.nearest.to_bits() > worst.0) {
+            // Where more than k points coincide, their neighbours do not matter.
+            if reach.nearest > limit || limit == 0.0 {
                 return false;
             }
             if index.is_leaf(node) {
-                for (at, d2) in index.members(node, query) {
-                    let found = (d2.to_bits(), index.order[at]);
-                    if found.1 == i {
-                        continue;
+                index.scan(node, query, |first, squares| {
+                    if limit == 0.0 {
+                        return;
                     }
-                    if nearest.len() < k {
-                        nearest.push(found);
-                    } else if let Some(mut worst) = nearest.peek_mut()
-                        && found < *worst
-                    {
-                        *worst = found;
+                    if found.len() < count + LEAF {
+                        found.resize(count + LEAF, (0, 0));
+                    }
+                    let mut fresh = 0_usize;
+                    if let Some((room, _)) = found[count..].split_first_chunk_mut::<LEAF>() {
+                        for (lane, &d2) in squares.iter().enumerate() {
+                            room[fresh % LEAF] = (d2.to_bits(), first.wrapping_add(lane));
+                            fresh = fresh.wrapping_add(usize::from(d2 <= limit));
+                        }
+                    }
+                    count += fresh;
+                    if count > full {
+                        count = self.narrow(at, k, include_ties, &mut found[..count]);
+                        limit = f64::from_bits(found[k].0);
+                        // Among many ties there is little to take out.
+                        full = full.max(2 * count);
+                    }
+                });
+            }
+            true
+        });
+        count = self.narrow(at, k, include_ties, &mut found[..count]);
+        let farthest = found[k].0;
+        let ties = found[..count]
+            .iter()
+            .filter(|&&(bits, place)| bits == farthest && place != at);
+        let last = ties.map(|&(_, place)| index.order[place]).max().unwrap_or(0);
+        let last = if include_ties { usize::MAX } else { last };
+        ((f64::from_bits(farthest), last), count)
+    }
+
+    /// Puts the k nearest and the point itself first, the farthest of them at `k`; returns how many count.
+    fn narrow(&self, at: usize, k: usize, include_ties: bool, found: &mut [Found]) -> usize {
+        // Squared distances are not negative, so their bits are in their order.
+        let (_, &mut (farthest, _), beyond) = found.select_nth_unstable_by_key(k, |&(bits, _)| bits);
+        if beyond.iter().all(|&(bits, _)| bits > farthest) {
+            return k + 1;
+        }
+        if !include_ties {
+            // The point itself is the nearest, or one of them; then lower indices come first.
+            found.sort_unstable_by_key(|&(bits, place)| (bits, place != at, self.index.order[place]));
+            return k + 1;
+        }
+        let mut count = k + 1;
+        for other in k + 1..found.len() {
+            if found[other].0 == farthest {
+                found.swap(count, other);
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// Calls `visit` with every neighbour of point `at`.
+    #[inline(always)]
+    fn each(&self, at: usize, mut visit: impl FnMut(usize)) {
+        let index = self.index;
+        let kept = self.kept[at].clone();
+        if !kept.is_empty() {
+            self.places[kept].iter().for_each(|&place| visit(place));
+            return;
+        }
+        let query = index.points.point(index.order[at]);
+        let (farthest, last) = self.bounds[at];
+        index.descend(query, |node, reach| {
+            if reach.nearest > farthest {
+                return false;
+            }
+            if index.is_leaf(node) {
+                for (place, d2) in index.members(node, query) {
+                    if place != at && (d2 < farthest || d2 == farthest && index.order[place] <= last) {
+                        visit(place);
                     }
                 }
             }
             true
         });
-        let &(bits, last) = nearest.peek().unwrap_or(&(0, 0));
-        Neighbourhood {
-            distance_squared: f64::from_bits(bits),
-            last: if self.include_ties { usize::MAX } else { last },
-        }
     }
-}
-
-/// The nearest points found so far, bits of the squared distance and index, the worst on top.
-type Nearest = BinaryHeap<(u64, usize)>;
-
-fn each_neighbour(index: &Index<'_>, i: usize, around: Neighbourhood, mut visit: impl FnMut(usize, f64)) {
-    index.within(index.points.point(i), around.distance_squared, |j, d2| {
-        if j != i && (d2 < around.distance_squared || j <= around.last) {
-            visit(j, d2);
-        }
-    });
 }
 
 fn ratio(a: f64, b: f64) -> f64 {

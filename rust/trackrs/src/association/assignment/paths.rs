@@ -5,11 +5,10 @@
 //! path from outside through a saturated column, and no exit, can be shorter than any path to a free column, and
 //! the second components alone order the rest.
 
+use super::NONE;
 use super::kernels::{lesser, relax, two_cheapest};
 
 const INFINITY: f64 = f64::INFINITY;
-/// No row, no column.
-pub(super) const NONE: usize = usize::MAX;
 /// Columns are searched in blocks of this many.
 const BLOCK: usize = 64;
 /// Row reduction looks at this many rows per row of the matrix; more costs more than it saves.
