@@ -281,3 +281,18 @@ def _(d):
         found[:] = [tracker.step(tr.Scan(t + 1.0, reports, sensor="radar"))]
 
     return step, lambda: found[0].means[:, :2]
+
+
+@peer("W4full", "trackrs", "trackrs", note="output buffer reused")
+def _(d):
+    out = np.empty((d["T"], d["M"]))
+    return lambda: tr.squared_distances(d["zp"], d["S"], d["Z"], out=out), lambda r: r
+
+
+@peer("W4gated", "trackrs", "trackrs", note="sorted sweep")
+def _(d):
+    gate = tr.Gate(0.99)
+    return (
+        lambda: gate.pairs(d["zp"], d["S"], d["Z"]),
+        lambda r: (r.tracks, r.reports, r.distances, d["T"]),
+    )

@@ -228,6 +228,7 @@ __all__ = [
     "rmse",
     "rotation",
     "scenarios",
+    "squared_distances",
     "start_state",
     "study",
     "whiteness",
