@@ -19,7 +19,7 @@ TEST_FLAGS := --release --locked --workspace --config profile.release.package.tr
 # maturin tells pyo3 about the interpreter through these; with other values pyo3 would be compiled again at every turn.
 PYO3_ENV = PYO3_BUILD_EXTENSION_MODULE=1 PYO3_CONFIG_FILE=$(shell ls -t $(TARGET)/maturin/pyo3-config-*.txt | head -1)
 
-.PHONY: help demo test lint quick bench docs clean
+.PHONY: help demo test test-rust test-python lint quick bench docs clean
 .NOTPARALLEL:
 
 help: ## list the targets
@@ -28,8 +28,13 @@ help: ## list the targets
 demo: $(VENV)/.package ## build, track the five harbour recordings, print the scores, leave tracks and pictures in out/
 	$(BIN)/python examples/harbour.py
 
-test: $(VENV)/.package $(VENV)/.dev ## cargo test, then pytest
+test: test-rust test-python ## cargo test, then pytest
+
+# Neither half needs the other: a machine with two processors may run both at once.
+test-rust: $(VENV)/.package
 	cargo test $(TEST_FLAGS)
+
+test-python: $(VENV)/.package $(VENV)/.dev
 	$(BIN)/python -m pytest
 
 lint: quick docs ## formatting, clippy, rustdoc, ruff, mypy, stubs

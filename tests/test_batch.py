@@ -97,6 +97,22 @@ def test_other_filters_are_their_runs_bit_for_bit(other):
         assert np.array_equal(out.nis[track], run.nis, equal_nan=True)
 
 
+@pytest.mark.parametrize(
+    "rule",
+    [tr.LimitedMemoryNoise(window=5), tr.ResidualNoise(r_limits=(1e-3, 1e3), window=5), tr.NisScaledNoise()],
+    ids=lambda rule: type(rule).__name__,
+)
+def test_a_filter_that_adapts_does_so_in_a_batch(rule):
+    """No estimate of the sensor's noise alone has a size by which the lanes would know it."""
+    times = np.arange(2.0, 42.0)
+    values = 9.0 * np.random.default_rng(5).normal(size=(3, 40, 2))
+    adaptive = tr.KalmanFilter(MOTION, SENSOR, adapt=rule)
+    out = adaptive.run_batch(times, values, initial=START)
+    for track, rows in enumerate(values):
+        assert np.array_equal(out.means[track], adaptive.run(times, rows, initial=START).means)
+        assert not np.allclose(out.means[track], KF.run(times, rows, initial=START).means)
+
+
 def test_threads_change_nothing():
     values = measurements(20_000)
     one = KF.run_batch(TIMES, values, initial=START, threads=1)

@@ -106,8 +106,9 @@ def squared_distances(
     if out is None:
         out = np.empty(shape)
     elif out.dtype != np.float64 or out.shape != shape or not out.flags.c_contiguous or not out.flags.writeable:
-        msg = f"out must be a writeable C-contiguous float64 array of shape {shape}, got {out.dtype} of shape {out.shape}"
+        msg = (
+            f"out must be a writeable C-contiguous float64 array of shape {shape}, got {out.dtype} of shape {out.shape}"
+        )
         raise DimensionError(msg)
     _trackrs.gate_distances(centres, spreads, values, out)
     return out
-

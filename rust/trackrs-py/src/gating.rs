@@ -1,6 +1,6 @@
 //! Squared Mahalanobis distances of many tracks and reports.
 
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::Result;
 use trackrs::error::require_size;

@@ -134,7 +134,9 @@ fn fixed_interval(py: Python<'_>, given: &Given<'_>, count: usize) -> PyResult<S
         given.copy(from..to + 1, &mut piece);
         compute(py, || {
             let mut epochs = piece.epochs()?;
-            epochs.iter_mut().for_each(|epoch| epoch.step += from);
+            for epoch in &mut epochs {
+                epoch.step += from;
+            }
             back.through(&epochs)
         })?;
         py.check_signals()?;

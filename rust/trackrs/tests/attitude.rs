@@ -1,11 +1,8 @@
 //! Filters and smoothers of states with an attitude: consistency, free turns, invariance, and what is not observed.
 
-mod bodies;
-mod draws;
-
+use crate::bodies::{Recording, body, camera, draw, filters, measured, nees, pose, record, start_of_body};
+use crate::draws::normal;
 use approx::assert_relative_eq;
-use bodies::{Recording, body, camera, draw, filters, measured, nees, pose, record, start_of_body};
-use draws::normal;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

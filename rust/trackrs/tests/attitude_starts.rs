@@ -1,10 +1,7 @@
 //! Filters with an attitude that start themselves: from poses and from images.
 
-mod bodies;
-mod draws;
-
-use bodies::{body, camera, draw, filters, measured, nees, pose, record, start_of_body};
-use draws::normal;
+use crate::bodies::{body, camera, draw, filters, measured, nees, pose, record, start_of_body};
+use crate::draws::normal;
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

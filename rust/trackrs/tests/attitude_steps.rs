@@ -1,9 +1,7 @@
 //! Single steps of filters with an attitude: known inputs, steps of a prediction, iterated corrections, carried points.
 
-mod draws;
-
+use crate::draws::normal;
 use approx::assert_relative_eq;
-use draws::normal;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

@@ -1,9 +1,7 @@
 //! CameraSensor: derivatives, the Cramér-Rao bound, global minima, and images that must be refused.
 
-mod draws;
-
+use crate::draws::normal;
 use approx::assert_relative_eq;
-use draws::normal;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -1,7 +1,5 @@
 //! Several arrays: stacked, one after the other, and estimates fused by covariance intersection.
 
-mod arrays;
-
 use approx::assert_relative_eq;
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
@@ -15,7 +13,7 @@ use trackrs::filter::kalman::MeasurementPrediction;
 use trackrs::model::Sensor;
 use trackrs::model::sensor::{PositionFix, RangeArray};
 
-use arrays::{bats, noisy, normal, toss};
+use crate::arrays::{bats, noisy, normal, toss};
 
 const CRITERIA: [Criterion; 2] = [Criterion::Trace, Criterion::Determinant];
 

@@ -1,10 +1,8 @@
 //! Range bias and scale error as extra states, and starts from ranges that come one at a time.
 
+use crate::arrays::{BATS, normal, settings, toss_rows};
 #[allow(dead_code)] // other tests use the rest
-mod arrays;
-
 use approx::assert_relative_eq;
-use arrays::{BATS, normal, settings, toss_rows};
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

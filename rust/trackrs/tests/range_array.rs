@@ -1,9 +1,7 @@
 //! RangeArray against an independent reference, finite differences, simulation, and geometries that must be refused.
 
-mod arrays;
-
+use crate::arrays::{BATS, bats, noisy, settings, toss, toss_rows};
 use approx::assert_relative_eq;
-use arrays::{BATS, bats, noisy, settings, toss, toss_rows};
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -1,8 +1,6 @@
 //! Filters that start themselves from the fixes of a RangeArray.
 
-mod arrays;
-
-use arrays::{BATS, bats, noisy, settings, toss};
+use crate::arrays::{BATS, bats, noisy, settings, toss};
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

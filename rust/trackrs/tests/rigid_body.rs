@@ -1,9 +1,7 @@
 //! Rigid bodies: their Jacobians on the manifold, free turns, noise, and motions that are none.
 
-mod draws;
-
+use crate::draws::normal;
 use approx::assert_relative_eq;
-use draws::normal;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

@@ -327,7 +327,7 @@ impl TrackBatch {
 
 /// Dimensions and derivatives of what lanes know.
 fn structure(filter: &Filter) -> Option<(usize, usize)> {
-    let plain = filter.adapted_dim() == 0
+    let plain = !filter.adapts()
         && filter.screen().is_none()
         && filter.steps() == 1
         && filter.method().form == Form::Joseph

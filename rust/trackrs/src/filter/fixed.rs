@@ -99,7 +99,7 @@ fn plain(filter: &Filter) -> bool {
         && motion.space().attitude.is_none()
         && filter.steps() == 1
         && filter.screen().is_none()
-        && filter.adapted_dim() == 0
+        && !filter.adapts()
 }
 
 struct Fixed<const N: usize, const M: usize> {

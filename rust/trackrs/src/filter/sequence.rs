@@ -225,6 +225,11 @@ impl Filter {
         self.adapt.map(begin).transpose()
     }
 
+    /// Whether any noise is estimated, of the motion or of the sensor.
+    pub(super) fn adapts(&self) -> bool {
+        self.adapt.is_some()
+    }
+
     /// Size of the motion noise that is estimated; 0 if none is.
     pub(super) fn adapted_dim(&self) -> usize {
         self.adapt.map_or(0, |rule| rule.dim(&self.motion))

@@ -81,9 +81,9 @@ impl Expected<'_> {
 }
 
 /// Reports component by component.
-fn columns(m: usize, reports: &[f64], order: impl Iterator<Item = usize> + Clone) -> Vec<Vec<f64>> {
+fn columns(m: usize, reports: &[f64], order: &[usize]) -> Vec<Vec<f64>> {
     (0..m)
-        .map(|k| order.clone().map(|j| reports[j * m + k]).collect())
+        .map(|k| order.iter().map(|&j| reports[j * m + k]).collect())
         .collect()
 }
 
@@ -93,7 +93,7 @@ pub fn squared_distances(expected: &Expected<'_>, reports: &[f64], out: &mut [f6
     let whitened = expected.whitened(reports)?;
     let count = reports.len() / m;
     require_size("distances", whitened.tracks * count, out.len())?;
-    let columns = columns(m, reports, 0..count);
+    let columns = columns(m, reports, &(0..count).collect::<Vec<_>>());
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
     let arch = Level::chosen()?.arch().unwrap_or_default();
     let parts = expected.means.chunks_exact(m).zip(whitened.lower.chunks_exact(m * m));
@@ -115,7 +115,7 @@ pub fn pairs_within(expected: &Expected<'_>, reports: &[f64], threshold: f64) ->
     let sweep = widest(expected, reports, &width);
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_unstable_by(|&a, &b| reports[a * m + sweep].total_cmp(&reports[b * m + sweep]));
-    let sorted = columns(m, reports, order.iter().copied());
+    let sorted = columns(m, reports, &order);
     let keys = &sorted[sweep];
     let arch = Level::chosen()?.arch().unwrap_or_default();
     let mut out = Pairs::default();

@@ -22,7 +22,7 @@ pub(crate) struct Sweep {
 impl Sweep {
     /// Takes in reports by their numbers.
     pub(crate) fn set<'a>(&mut self, sensor: &dyn Sensor, reports: impl Iterator<Item = (usize, &'a [f64])> + Clone) {
-        self.component = widest(sensor, reports.clone().map(|(_, value)| value));
+        self.component = widest(sensor, &reports.clone().map(|(_, value)| value));
         self.order.clear();
         self.anywhere.clear();
         for (report, value) in reports {
@@ -40,10 +40,12 @@ impl Sweep {
         if let Some(component) = self.component {
             let (at, width) = (center[component], half_widths[component]);
             let margin = width + ROUNDING * (at.abs() + width);
-            // A NaN keeps everything.
-            let from = inside.partition_point(|&(key, _)| key < at - margin);
+            let (low, high) = (at - margin, at + margin);
+            let from = inside.partition_point(|&(key, _)| key < low);
             inside = &inside[from..];
-            inside = &inside[..inside.partition_point(|&(key, _)| !(key > at + margin))];
+            // A NaN keeps everything.
+            let to = inside.partition_point(|&(key, _)| key <= high || high.is_nan());
+            inside = &inside[..to];
         }
         inside
             .iter()
@@ -52,7 +54,7 @@ impl Sweep {
     }
 }
 
-fn widest<'a>(sensor: &dyn Sensor, reports: impl Iterator<Item = &'a [f64]> + Clone) -> Option<usize> {
+fn widest<'a>(sensor: &dyn Sensor, reports: &(impl Iterator<Item = &'a [f64]> + Clone)) -> Option<usize> {
     let (m, angles, rotation) = (sensor.measurement_dim(), sensor.angles(), sensor.rotation());
     let ordered = |i: usize| !angles.contains(&i) && !rotation.is_some_and(|at| (at..at + 3).contains(&i));
     let components = (0..m).filter(|&i| ordered(i));
@@ -93,7 +95,9 @@ mod tests {
         reports.push([f64::NAN, 11.0]);
         reports.push([3.0, f64::NAN]);
         let found = near(&sensor, &reports, [3.0, 20.0], [9.0, 2.0]);
-        let expected: Vec<usize> = (0..42).filter(|&i| !((reports[i][1] - 20.0).abs() > 2.0)).collect();
+        let expected: Vec<usize> = (0..42)
+            .filter(|&i| reports[i][1].is_nan() || (reports[i][1] - 20.0).abs() <= 2.0)
+            .collect();
         assert_eq!(found, expected);
         assert_eq!(near(&sensor, &reports, [3.0, 20.0], [9.0, f64::INFINITY]).len(), 42);
         assert_eq!(near(&sensor, &reports, [3.0, f64::NAN], [9.0, 1.0]).len(), 42);
@@ -115,6 +119,6 @@ mod tests {
     fn angles_are_not_swept() {
         let sensor = RangeBearing::new([0.0, 0.0], 10.0, 1e-9).unwrap();
         let reports = [[100.0, 3.1], [100.0, -3.1], [900.0, 3.1]];
-        assert_eq!(near(&sensor, &reports, [110.0, 3.14], [20.0, 0.1]), [0, 1]);
+        assert_eq!(near(&sensor, &reports, [110.0, 3.1], [20.0, 0.1]), [0, 1]);
     }
 }

@@ -5,7 +5,10 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Vectors that are looked at together where their length is not known to the compiler.
+/// Vectors that are looked at together: two registers of four, or four of two.
+const LANES: usize = 8;
+
+/// The same where their length is not known to the compiler.
 const TILE: usize = 64;
 
 /// One center and its W, m×m row by row.
@@ -52,19 +55,41 @@ fn fixed<const M: usize>(work: Work<'_, '_>) {
         columns,
         out,
     } = work;
-    let n = out.len();
-    let (mut w, mut c, mut z) = ([[0.0; M]; M], [0.0; M], [&[] as &[f64]; M]);
+    let (mut w, mut c) = ([[0.0; M]; M], [0.0; M]);
     for i in 0..M {
         w[i].copy_from_slice(&whitening.lower[i * M..(i + 1) * M]);
         c[i] = whitening.center[i];
-        z[i] = &columns[i][..n];
     }
-    for (j, out) in out.iter_mut().enumerate() {
+    let mut parts: [_; M] = std::array::from_fn(|k| columns[k].chunks_exact(LANES));
+    let mut outs = out.chunks_exact_mut(LANES);
+    for out in &mut outs {
+        let mut z = [[0.0; LANES]; M];
+        for (z, part) in z.iter_mut().zip(&mut parts) {
+            if let Some(part) = part.next() {
+                z.copy_from_slice(part);
+            }
+        }
+        let mut sum = [0.0; LANES];
+        for i in 0..M {
+            let mut y = [0.0; LANES];
+            for k in 0..=i {
+                for (y, z) in y.iter_mut().zip(&z[k]) {
+                    *y += w[i][k] * (z - c[k]);
+                }
+            }
+            for (sum, y) in sum.iter_mut().zip(&y) {
+                *sum += y * y;
+            }
+        }
+        out.copy_from_slice(&sum);
+    }
+    let rest = columns.first().map_or(0, |column| column.len() / LANES * LANES);
+    for (j, out) in outs.into_remainder().iter_mut().enumerate() {
         let mut sum = 0.0;
         for i in 0..M {
             let mut y = 0.0;
             for k in 0..=i {
-                y += w[i][k] * (z[k][j] - c[k]);
+                y += w[i][k] * (columns[k][rest.wrapping_add(j)] - c[k]);
             }
             sum += y * y;
         }

@@ -3,6 +3,9 @@
 //!
 //! Loops run to the constant size with the condition inside: so written they unroll, and indices need no checked arithmetic.
 
+// Entries of small matrices are named by their indices, as the equations have them.
+#![allow(clippy::needless_range_loop)]
+
 use super::kernel;
 
 /// `row` += `factor` × `other`.
@@ -233,7 +236,9 @@ impl<const M: usize> Factor<M> {
                     add_scaled(&mut row, -self.lower[i][k], &b[k]);
                 }
             }
-            row.iter_mut().for_each(|x| *x *= self.inverse[i]);
+            for x in &mut row {
+                *x *= self.inverse[i];
+            }
             b[i] = row;
         }
     }
@@ -248,7 +253,9 @@ impl<const M: usize> Factor<M> {
                     add_scaled(&mut row, -self.lower[k][i], &b[k]);
                 }
             }
-            row.iter_mut().for_each(|x| *x *= self.inverse[i]);
+            for x in &mut row {
+                *x *= self.inverse[i];
+            }
             b[i] = row;
         }
     }

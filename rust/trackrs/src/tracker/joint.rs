@@ -252,12 +252,13 @@ fn explain(look: &mut Look, bench: &Bench, members: &[Member], shares: &[f64], l
     let mut taker: Vec<Option<Taker>> = vec![None; look.rows.len()];
     for member in members {
         let track = &live[member.track];
-        for index in member.pairs.0..member.pairs.1 {
-            let report = bench.pairs[index].report;
+        let range = member.pairs.0..member.pairs.1;
+        for (pair, &share) in bench.pairs[range.clone()].iter().zip(&shares[range]) {
+            let report = pair.report;
             let fate = &mut look.fates[report];
             let confirmed = track.id.is_some();
             fate.near_confirmed |= confirmed;
-            let weight = shares[index] * track.existence.unwrap_or(1.0);
+            let weight = share * track.existence.unwrap_or(1.0);
             fate.explained += weight;
             if weight > largest[report] {
                 largest[report] = weight;
