@@ -20,11 +20,13 @@ PLAIN = {"us", "ms", "us_per_step", "us_per_step_filter+smooth"}  # other limits
 FILES = {
     "w01_kf.py": ["W1", "W2", "W3c"],
     "w03_nonlinear.py": ["W3", "W3b"],
+    "w04_gating.py": ["W4full", "W4gated"],
     "w05_clustering.py": ["W5lof", "W5dbscan", "W5kmeans", "W5dpeaks"],
     "w06_jpda.py": ["W6"],
     "w07_phd.py": ["W7"],
     "crossing_scan.py": ["W5two", "W5dist", "W7ext"],
     "w08_metrics_assign.py": ["W8ospa", "W8gospa", "W9"],
+    "w10_mtt.py": ["W10kf"],
     "sparse_assignment.py": ["W9sparse"],
 }
 
@@ -57,6 +59,8 @@ def table(records: list[dict]) -> list[str]:
             if r["peer"] == "LIMIT" and r["metric"] in {"us", "ms", "us_per_step", "us_per_step_filter+smooth"}
         ]
         timed = sorted((r for r in rows if r["peer"] != "LIMIT"), key=lambda r: r["median"])
+        if timed and timed[0]["metric"].endswith("_per_s"):
+            timed.reverse()
         if not timed or not any(r["peer"].startswith("trackrs") for r in timed):
             continue
         limit = sum(r["median"] for r in limits) / len(limits) if limits else None

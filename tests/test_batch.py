@@ -99,7 +99,11 @@ def test_other_filters_are_their_runs_bit_for_bit(other):
 
 @pytest.mark.parametrize(
     "rule",
-    [tr.LimitedMemoryNoise(window=5), tr.ResidualNoise(r_limits=(1e-3, 1e3), window=5), tr.NisScaledNoise()],
+    [
+        tr.LimitedMemoryNoise(window=5),
+        tr.ResidualNoise(r_limits=(1e-3, 1e3), memory="window", window=5),
+        tr.NisScaledNoise(psd_limits=(1e-3, 1e3)),
+    ],
     ids=lambda rule: type(rule).__name__,
 )
 def test_a_filter_that_adapts_does_so_in_a_batch(rule):
