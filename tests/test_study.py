@@ -481,7 +481,9 @@ def test_progress_counts_up_to_all(close):
 
 
 SLOW = """
-import sys, time
+import signal, sys, time
+# A shell that starts the tests in the background has Ctrl-C ignored by all they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {tests!r})
 import trackrs as tr
 from studies import close_study
