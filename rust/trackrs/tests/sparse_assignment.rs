@@ -75,6 +75,30 @@ proptest! {
     }
 }
 
+/// The columns of a search's first row come in their order also where all of them are nearer than nothing.
+#[test]
+fn negative_costs_are_searched_from_the_least() {
+    let pair = |(row, column, cost): (usize, usize, f64)| Candidate { row, column, cost };
+    let listed = [
+        (3, 2, -2.0),
+        (3, 0, -1.0),
+        (3, 3, -2.0),
+        (0, 3, 0.0),
+        (0, 2, -2.0),
+        (1, 0, -1.0),
+    ];
+    let problem = Problem {
+        rows: 5,
+        columns: 4,
+        candidates: listed.map(pair).to_vec(),
+        misses: Vec::new(),
+    };
+    let found = assign_sparse(&problem.candidates, 5, 4).unwrap();
+    assert_eq!(found.cost, -5.0);
+    assert_eq!(found.row_to_column, [Some(2), Some(0), None, Some(3), None]);
+    problem.check_duals(&found, None);
+}
+
 #[test]
 fn pairs_outside_of_the_problem_are_refused() {
     let pair = |row, column, cost| Candidate { row, column, cost };

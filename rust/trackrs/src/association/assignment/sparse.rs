@@ -256,7 +256,8 @@ impl<'a, P: Price> Solver<'a, P> {
 
     /// Equations 2 and 3: one search from a free row.
     fn augment(&mut self, start: usize) -> Option<()> {
-        let (mut row, mut at, mut offset) = (start, P::ZERO, P::ZERO);
+        // Nothing has been passed: the nearest column of the first row comes out of the heap, at whatever distance.
+        let (mut row, mut at, mut offset) = (start, P::PASSED, P::ZERO);
         // Where the path ends: at a free column, or by the exit of a row.
         let (mut total, mut end, mut leaving) = (P::INFINITY, NONE, NONE);
         loop {
