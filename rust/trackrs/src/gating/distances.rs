@@ -13,13 +13,11 @@
 //!
 //! Reference: Bar-Shalom, Li (1995), Multitarget-Multisensor Tracking, §1.4.2.
 
+use super::sweep::reach;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::lanes::Level;
 use crate::lanes::distances::{Whitening, squared_lengths};
 use crate::linalg::kernel;
-
-/// Rounding of a difference of two numbers, generously.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// What tracks expect of a sensor: means of length m one after the other, and covariances m×m.
 #[derive(Debug, Clone, Copy)]
@@ -95,7 +93,7 @@ pub fn squared_distances(expected: &Expected<'_>, reports: &[f64], out: &mut [f6
     require_size("distances", whitened.tracks * count, out.len())?;
     let columns = columns(m, reports, &(0..count).collect::<Vec<_>>());
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    let arch = Level::chosen()?.arch().unwrap_or_default();
+    let arch = Level::chosen_arch()?;
     let parts = expected.means.chunks_exact(m).zip(whitened.lower.chunks_exact(m * m));
     for ((center, lower), out) in parts.zip(out.chunks_exact_mut(count.max(1))) {
         squared_lengths(arch, Whitening { center, lower }, &columns, out);
@@ -117,7 +115,7 @@ pub fn pairs_within(expected: &Expected<'_>, reports: &[f64], threshold: f64) ->
     order.sort_unstable_by(|&a, &b| reports[a * m + sweep].total_cmp(&reports[b * m + sweep]));
     let sorted = columns(m, reports, &order);
     let keys = &sorted[sweep];
-    let arch = Level::chosen()?.arch().unwrap_or_default();
+    let arch = Level::chosen_arch()?;
     let mut out = Pairs::default();
     let mut found: Vec<(usize, f64)> = Vec::new();
     let mut distances = vec![0.0; count];
@@ -125,10 +123,9 @@ pub fn pairs_within(expected: &Expected<'_>, reports: &[f64], threshold: f64) ->
     let covs = expected.covs.chunks_exact(m * m);
     let parts = expected.means.chunks_exact(m).zip(whitened.lower.chunks_exact(m * m));
     for (track, ((center, lower), cov)) in parts.zip(covs).enumerate() {
-        let (at, width) = (center[sweep], width(cov, sweep));
-        let margin = width + ROUNDING * (at.abs() + width);
-        let from = keys.partition_point(|&key| key < at - margin);
-        let to = from + keys[from..].partition_point(|&key| key <= at + margin);
+        let (low, high) = reach(center[sweep], width(cov, sweep)).into_inner();
+        let from = keys.partition_point(|&key| key < low);
+        let to = from + keys[from..].partition_point(|&key| key <= high);
         let distances = &mut distances[..to - from];
         window.clear();
         window.extend(sorted.iter().map(|column| &column[from..to]));

@@ -4,10 +4,18 @@
 //! have a seam and rotations no order: they are passed over. Reports without the component are looked at by every gate, and
 //! so are all of them where there is no component to go by.
 
+use std::ops::RangeInclusive;
+
 use crate::model::Sensor;
 
 /// Rounding of a difference of two numbers, generously.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// From where to where numbers can be that are no farther than `width`, whatever the rounding.
+pub(super) fn reach(at: f64, width: f64) -> RangeInclusive<f64> {
+    let margin = width + ROUNDING * (at.abs() + width);
+    at - margin..=at + margin
+}
 
 /// The order of the reports of one scan. Its memory serves one scan after another.
 #[derive(Debug, Default)]
@@ -38,9 +46,7 @@ impl Sweep {
     pub(crate) fn near<'s>(&'s self, center: &[f64], half_widths: &[f64]) -> impl Iterator<Item = usize> + use<'s> {
         let mut inside = &self.order[..];
         if let Some(component) = self.component {
-            let (at, width) = (center[component], half_widths[component]);
-            let margin = width + ROUNDING * (at.abs() + width);
-            let (low, high) = (at - margin, at + margin);
+            let (low, high) = reach(center[component], half_widths[component]).into_inner();
             let from = inside.partition_point(|&(key, _)| key < low);
             inside = &inside[from..];
             // A NaN keeps everything.

@@ -54,6 +54,11 @@ impl Level {
             })
     }
 
+    /// How to dispatch by the chosen one.
+    pub(crate) fn chosen_arch() -> Result<Arch> {
+        Ok(Self::chosen()?.arch().unwrap_or_default())
+    }
+
     /// How to dispatch; `None` where the machine lacks it.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn arch(self) -> Option<Arch> {

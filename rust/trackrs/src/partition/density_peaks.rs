@@ -25,6 +25,7 @@ use super::index::{Index, square_of_bound};
 use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, quantile};
 use crate::error::{Error, Result, require_non_negative, require_positive};
+use crate::lanes::Level;
 use serde::{Deserialize, Serialize};
 
 /// Beyond this argument exp(−x) is zero.
@@ -119,7 +120,7 @@ impl DensityPeakPartition {
     pub(crate) fn explain_indexed(&self, index: &Index<'_>) -> Result<DensityPeaks> {
         self.check()?;
         let d_c = self.scale(index)?;
-        let arch = super::instructions()?;
+        let arch = Level::chosen_arch()?;
         let rho = arch.dispatch(|| densities(index, d_c, self.kernel));
         // Densities are not negative, so their bits are in their order.
         let mut keys: Vec<(u64, usize)> = rho.iter().map(|rho| !rho.to_bits()).zip(0..).collect();

@@ -21,6 +21,7 @@
 use super::points::{Partition, Points, squared};
 use super::{Partitioner, all_labelled, require_few};
 use crate::error::{Error, Result};
+use crate::lanes::Level;
 use crate::stats::stream::Stream;
 use serde::{Deserialize, Serialize};
 
@@ -91,7 +92,7 @@ impl Partitioner for KMeansPartition {
 
 /// The label of every point, below `k`.
 pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Result<Vec<usize>> {
-    let arch = super::instructions()?;
+    let arch = Level::chosen_arch()?;
     let dims = points.dims();
     let centres = seeds(points, k.min(points.len()), stream);
     let mut lloyd = Lloyd {

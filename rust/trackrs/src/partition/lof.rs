@@ -28,6 +28,7 @@ use serde::{Deserialize, Serialize};
 use super::index::{Index, LEAF};
 use super::points::Points;
 use crate::error::{Error, Result, require_positive};
+use crate::lanes::Level;
 
 /// Neighbours that are kept per point.
 const KEPT: usize = 32;
@@ -73,7 +74,7 @@ impl LocalOutlierFactor {
         }
         require_positive("threshold", self.threshold)?;
         let index = Index::new(points);
-        let arch = super::instructions()?;
+        let arch = Level::chosen_arch()?;
         let n = points.len();
         let k = self.n_neighbors.min(n.saturating_sub(1));
         let around = arch.dispatch(|| Neighbours::new(&index, k, self.include_ties));

@@ -20,11 +20,9 @@ pub(crate) mod ward;
 
 use std::fmt::Debug;
 
-use pulp::Arch;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::lanes::Level;
 use dbscan::DbscanPartition;
 use density_peaks::DensityPeakPartition;
 use distance::DistancePartition;
@@ -96,11 +94,6 @@ pub fn partitions(
         .iter()
         .map(|partition| partition.embedded(&kept, points.len()))
         .collect())
-}
-
-/// Which instructions the loops over distances are compiled for; the bits do not depend on it.
-pub(crate) fn instructions() -> Result<Arch> {
-    Ok(Level::chosen()?.arch().unwrap_or_default())
 }
 
 /// Labels of one partition as options, none of them clutter.
