@@ -258,6 +258,7 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
 
 impl<const N: usize> Way<N> {
     /// Makes it the way of `dt` seconds.
+    #[inline(never)]
     fn make(&mut self, motion: &MotionModel, dt: f64) {
         motion.noise_into(dt, self.q.as_flattened_mut());
         motion.transition_into(dt, self.f.as_flattened_mut());
