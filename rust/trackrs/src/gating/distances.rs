@@ -293,7 +293,9 @@ mod tests {
             let move_some = |values: &mut [f64]| {
                 for (i, value) in values.chunks_exact_mut(m).enumerate() {
                     let far = [0.0, 3e6, -7e9][i % 3];
-                    value.iter_mut().for_each(|value| *value += far);
+                    for value in value {
+                        *value += far;
+                    }
                 }
             };
             move_some(&mut means);

@@ -115,7 +115,7 @@ impl<const M: usize> WithSimd for Within<'_, M> {
                 for lane in 0..LANES {
                     slots[n % LANES] = (names[lane], d[lane]);
                     let here = at.wrapping_add(lane);
-                    n = n.wrapping_add(usize::from((d[lane] <= self.threshold) & (here < to)));
+                    n = n.wrapping_add(usize::from(d[lane] <= self.threshold) & usize::from(here < to));
                 }
                 count = count.wrapping_add(n);
                 at = at.wrapping_add(LANES);
