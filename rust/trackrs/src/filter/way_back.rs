@@ -16,7 +16,8 @@
 //! step back is that of the means alone, with the same bits. States with an attitude, steps without motion and noise and those whose P⁻
 //! has no factor are left to the general path.
 //!
-//! Both equations are compiled for the registers of the machine too (`lanes::Level`); a wider register changes no bit.
+//! Both equations are compiled for the registers of the machine too (`lanes::Level`), for states long enough to gain by it; a
+//! wider register changes no bit.
 //!
 //! Reference: see [`super::smoother`].
 
@@ -27,6 +28,9 @@ use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::fixed::{
     Factor, add_product_lower, add_scaled, mirror, multiply, multiply_sparse, same_bits, transpose,
 };
+
+/// States so short gain nothing by wider registers.
+const NARROW: usize = 4;
 
 /// The way back of states of one size.
 pub(super) trait WayBack {
@@ -125,12 +129,17 @@ impl<const N: usize> Fixed<N> {
                 && same_bits(&link.q, q)
         });
         if !same {
-            let link = self.arch.dispatch(Linking {
+            let parts = Linking {
                 before,
                 predicted,
                 f,
                 q,
-            });
+            };
+            let link = if N > NARROW {
+                self.arch.dispatch(parts)
+            } else {
+                parts.link()
+            };
             (self.link, self.smoothed) = (link, None);
         }
         let link = self.link.as_ref()?;
@@ -138,9 +147,13 @@ impl<const N: usize> Fixed<N> {
             self.smoothed = None;
         }
         let arch = self.arch;
-        let smoothed = self
-            .smoothed
-            .get_or_insert_with(|| arch.dispatch(Smoothing { link, later: p }));
+        let smoothed = self.smoothed.get_or_insert_with(|| {
+            if N > NARROW {
+                arch.dispatch(Smoothing { link, later: p })
+            } else {
+                link.smooth(p)
+            }
+        });
         run.lag_one.push(smoothed.lag_one.as_flattened());
         run.states.push(GaussianRef {
             mean: &*x,
@@ -169,6 +182,13 @@ impl<const N: usize> WithSimd for Linking<'_, N> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<Link<N>> {
+        self.link()
+    }
+}
+
+impl<const N: usize> Linking<'_, N> {
+    #[inline(always)]
+    fn link(self) -> Option<Link<N>> {
         Link::new(self.before, self.predicted, self.f, self.q)
     }
 }
