@@ -94,7 +94,7 @@ impl Span {
             component,
             low,
             high,
-            gates: (high - low) / (2.0 * (threshold * variance).sqrt()),
+            gates: (high - low) / (2.0 * threshold.sqrt() * variance.sqrt()),
         }
     }
 }
@@ -174,7 +174,8 @@ impl Grid {
         let m = expected.dims;
         let of = |axis: &Axis, center: &[f64], cov: &[f64]| {
             let k = axis.component;
-            reach(center[k], (self.threshold * cov[k * (m + 1)]).sqrt()).into_inner()
+            // Roots first: the product of the two may vanish or overflow.
+            reach(center[k], self.threshold.sqrt() * cov[k * (m + 1)].sqrt()).into_inner()
         };
         let tracks = expected.means.chunks_exact(m).zip(expected.covs.chunks_exact(m * m));
         tracks
