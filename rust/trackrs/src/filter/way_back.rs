@@ -23,6 +23,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::link::LITTLE;
 use super::smoother::{Epoch, SmoothedRun};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::fixed::{
@@ -217,8 +218,8 @@ impl<const N: usize> Link<N> {
         }
         let lower = Factor::new(predicted)?;
         for (i, row) in predicted.iter().enumerate() {
-            // Within rounding of zero: as in `link.rs`.
-            if lower.diagonal(i) * lower.diagonal(i) <= N as f64 * f64::EPSILON * row[i] {
+            // By factors, or refused: `link.rs`.
+            if lower.diagonal(i) * lower.diagonal(i) < LITTLE * row[i] {
                 return None;
             }
         }
