@@ -588,7 +588,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """Where every row went: `rows_in == used + late + duplicate + sum(rejected.values())`, always.
+    """Where every row went: `rows_in == used + late + duplicate + waiting + sum(rejected.values())`, always.
 
     Attributes:
         rows_in: rows received.
@@ -596,6 +596,7 @@ class Ledger:
         late: rows older than the tracker's time, or of scans that are.
         duplicate: rows received before.
         rejected: rows dropped for another reason, by event code.
+        waiting: rows of scans that wait for earlier ones, with `late=Reorder(...)`.
     """
 
     rows_in: int
@@ -603,6 +604,7 @@ class Ledger:
     late: int
     duplicate: int
     rejected: Mapping[str, int]
+    waiting: int = 0
 
 
 def _whole(value: int | None, name: str, otherwise: str = "") -> int | None:

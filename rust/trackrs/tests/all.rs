@@ -17,6 +17,7 @@ mod fixed;
 mod fusion;
 mod geodesy;
 mod helmet;
+mod in_order;
 mod innovation;
 mod iterated;
 mod k_best;
