@@ -1,4 +1,4 @@
-"""What becomes of scans that come late: they are dropped, wait for one another, or the tracker goes back to before them."""
+"""What becomes of scans that come late: they are dropped, wait for one another, or are gone back for."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Reorder:
 
     A scan waits until the newest time is more than `window` later; then none that is accepted can belong before it. So
     `step` returns the tracks after the scans that have had their turn with it: none, one or several. `flush` takes in
-    what still waits, and `run` does that at its end. The tracks come late by the window; for the same without delay, and
-    more work for late scans, there is `Replay`.
+    what still waits, and `run` does that at its end. The tracks come late by the window; for the same without delay,
+    and more work for late scans, there is `Replay`.
 
     Args:
         window: how far behind the newest time a scan may come, seconds. What is older is dropped as late.
@@ -29,7 +29,7 @@ class Reorder:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """Scans are taken in at once; for one that is late, the tracker goes back to before it and takes in the later ones again.
+    """Scans are taken in at once; for a late one the tracker goes back to before it, and takes in the later ones again.
 
     After every `step` the tracker stands, bit for bit, where it would if the scans so far had come in order; only an
     identity may be given to another track than a `step` before said. `step` returns the tracks at the newest time, and

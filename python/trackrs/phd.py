@@ -211,7 +211,8 @@ class _IntensityFilter:
     def run(self, scans: Iterable[Scan]) -> Tracks:
         """Return the confirmed tracks after each of these scans, in the order of time.
 
-        The scans are in that order, unless `late` says otherwise. Every run begins anew. A track is reported in the scans in which its target is extracted.
+        The scans are in that order, unless `late` says otherwise. Every run begins anew. A track is reported in the
+        scans in which its target is extracted.
 
         Raises:
             TimeError: the times decrease, and late scans are dropped.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray
 from trackrs.association import GlobalNearestNeighbour
 from trackrs.gating import Gate
 from trackrs.late import DropLate, items
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from typing import Self
 
+    from trackrs._arrays import FloatArray
     from trackrs.association import Associator
     from trackrs.late import Late
     from trackrs.motion import Motion
@@ -134,8 +134,8 @@ class Recorder:
     def run(self, scans: Iterable[Scan]) -> Tracks:
         """Take in all scans and return the confirmed tracks after each, in the order of time.
 
-        With `late=DropLate()` the scans must be in that order. Otherwise they may come as they like; what is late by more
-        than the window is dropped, and nothing waits afterwards.
+        With `late=DropLate()` the scans must be in that order. Otherwise they may come as they like; what is late by
+        more than the window is dropped, and nothing waits afterwards.
 
         Raises:
             TimeError: the times decrease, or begin before the tracker's time, and late scans are dropped.
@@ -200,11 +200,11 @@ class MultiTargetTracker(Recorder):
 
     The tracker has a memory: `step` and `run` go on from where it stands.
 
-    Clocks may jump. A scan more than `max_gap` (600 s where that is None) ahead of all before is taken in, but taken back,
-    with the event `future_scan` and its rows booked as rejected, if the next one would be late by it and goes on from
-    the time before. After 5 scans in a row more than that behind, each within it of the one before, the sensor of the
-    newest scan among them, the clock was set back: all tracks end with the event `clock_set_back`, and the last of the
-    five is the first of the new time. 50 in a row do that without that sensor.
+    Clocks may jump. A scan more than `max_gap` (600 s where that is None) ahead of all before is taken in, but taken
+    back, with the event `future_scan` and its rows booked as rejected, if the next one would be late by it and goes on
+    from the time before. After 5 scans in a row more than that behind, each within it of the one before, the sensor of
+    the newest scan among them, the clock was set back: all tracks end with the event `clock_set_back`, and the last of
+    the five is the first of the new time. 50 in a row do that without that sensor.
 
     Args:
         motion: how targets move.

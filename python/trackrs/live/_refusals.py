@@ -54,7 +54,7 @@ def refusals(scan: OpenScan, found: Tracks, before: Ledger, after: Ledger, track
     place = scan.places[0] if scan.places else (0, 0)
     out = []
     if back := lost.pop("future_scan", 0):
-        reason = f"with the scan that begins here, {back} rows of the one before were taken back: their time lay far ahead"
+        reason = f"{back} rows of the scan before this one were taken back: their time lay far ahead"
         out.append(Refusal(place, None, "future_scan", reason))
     if not lost:
         return out
@@ -62,7 +62,7 @@ def refusals(scan: OpenScan, found: Tracks, before: Ledger, after: Ledger, track
     if lost.total() != len(scan.values) or len(lost) != 1:
         codes = _faults(scan.values, whole=isinstance(tracker, IntensityTracker))
     # Where scans wait or are taken in again, what was dropped may be of others; what is late is always of this one.
-    its_own = found.sensors == (scan.sensor,) and found.scan_times[0] == scan.time or [*lost] == ["late_scan"]
+    its_own = (found.sensors == (scan.sensor,) and found.scan_times[0] == scan.time) or [*lost] == ["late_scan"]
     if not its_own or Counter(code for code in codes if code) != lost:
         which = "of" if its_own else "with"
         reason = f"{which} the scan that begins here, the tracker refused {counted(lost)}"

@@ -31,6 +31,7 @@ pub(crate) struct Columns<'py> {
     hits: Bound<'py, PyArray1<u64>>,
     existences: Option<Bound<'py, PyArray1<f64>>>,
     extents: Option<Bound<'py, PyArray3<f64>>>,
+    healths: Option<Bound<'py, PyArray1<i8>>>,
 }
 
 /// What becomes of late scans: a kind, and the window where it has one.
@@ -196,6 +197,7 @@ pub(crate) struct Rows {
     hits: Vec<u64>,
     existences: Option<Vec<f64>>,
     extents: Vec<f64>,
+    healths: Option<Vec<i8>>,
 }
 
 impl Rows {
@@ -214,7 +216,14 @@ impl Rows {
             hits: Vec::new(),
             existences: existence.then(Vec::new),
             extents: Vec::new(),
+            healths: None,
         }
+    }
+
+    /// With the health of every track.
+    pub(crate) fn with_health(mut self) -> Self {
+        self.healths = Some(Vec::new());
+        self
     }
 
     /// Takes in the tracks after one more scan.
@@ -230,6 +239,9 @@ impl Rows {
             self.hits.push(track.hits);
             if let Some(existences) = &mut self.existences {
                 existences.push(track.existence.unwrap_or(1.0));
+            }
+            if let (Some(healths), Some(health)) = (&mut self.healths, track.health) {
+                healths.push(health as i8);
             }
             if let Some(extent) = track.extent {
                 self.extents.extend_from_slice(extent.cov.as_slice());
@@ -255,6 +267,7 @@ impl Rows {
             covs: PyArray1::from_vec(py, self.covs).reshape([count, n, n])?,
             last_hits: PyArray1::from_vec(py, self.last_hits),
             hits: PyArray1::from_vec(py, self.hits),
+            healths: self.healths.map(|healths| PyArray1::from_vec(py, healths)),
             extents: self.dims.map(extents).transpose()?,
             existences: self.existences.map(|existences| PyArray1::from_vec(py, existences)),
         })

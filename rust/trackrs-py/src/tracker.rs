@@ -265,5 +265,5 @@ impl Tracker {
 
 fn rows(config: &TrackerConfig) -> Rows {
     let existence = matches!(config.initiator, Initiator::Existence(_));
-    Rows::new(config.motion.state_dim(), existence, None)
+    Rows::new(config.motion.state_dim(), existence, None).with_health()
 }

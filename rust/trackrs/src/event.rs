@@ -48,6 +48,10 @@ pub enum EventCode {
     GapReset,
     /// Joint association probabilities were approximated, because the exact ones are beyond the budget.
     Approximated,
+    /// A track's innovations are larger or smaller than its covariance says.
+    TrackDegraded,
+    /// They have been too large for long, or its reports stay away.
+    TrackLost,
     /// The limit on the number of tracks was reached; reports started no track.
     TrackLimit,
 }
@@ -71,6 +75,8 @@ impl EventCode {
             Self::TrackDiverged => "track_diverged",
             Self::GapReset => "gap_reset",
             Self::Approximated => "approximated",
+            Self::TrackDegraded => "track_degraded",
+            Self::TrackLost => "track_lost",
             Self::TrackLimit => "track_limit",
         }
     }
@@ -126,12 +132,17 @@ impl EventLog {
                 event: event.to_string(),
             });
         }
+        self.note(event);
+        Ok(())
+    }
+
+    /// Records an event that is no error in strict mode either: one about a track, not about what came in.
+    pub fn note(&mut self, event: Event) {
         *self.counts.entry(event.code).or_default() += 1;
         if self.recent.len() == RECENT_EVENTS {
             self.recent.pop_front();
         }
         self.recent.push_back(event);
-        Ok(())
     }
 
     /// Takes over what another log has, as later than all of its own; no strictness is asked.

@@ -16,6 +16,7 @@ mod extended_targets;
 mod fixed;
 mod fusion;
 mod geodesy;
+mod health;
 mod helmet;
 mod in_order;
 mod innovation;

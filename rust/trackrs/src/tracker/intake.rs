@@ -60,6 +60,17 @@ impl Intake {
         }
     }
 
+    /// Records an event about a track, which is no error in strict mode either.
+    pub(super) fn note(&mut self, scan: &Scan, code: EventCode, reason: &str) {
+        self.events.note(Event {
+            code,
+            time: scan.time,
+            sensor: scan.sensor.clone(),
+            row: None,
+            reason: reason.into(),
+        });
+    }
+
     /// Where the clock stands.
     pub(super) fn state(&self) -> IntakeState {
         IntakeState {

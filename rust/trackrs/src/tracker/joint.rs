@@ -242,7 +242,8 @@ impl MultiTargetTracker {
         let Some(slot) = likeliest.filter(|_| hit) else {
             return;
         };
-        track.hit_by(look, bench.pairs[member.pairs.0 + slot].report);
+        let pair = &bench.pairs[member.pairs.0 + slot];
+        track.hit_by(look, pair.report, pair.nis);
     }
 }
 

@@ -4,6 +4,7 @@ mod clock;
 pub mod clutter_map;
 pub mod config;
 pub mod engine;
+mod health;
 pub mod in_order;
 mod intake;
 mod joint;

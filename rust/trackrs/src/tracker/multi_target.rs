@@ -6,7 +6,7 @@
 //! 3. reports are gated with and given to confirmed tracks, then the remaining ones to tentative tracks (`joint`); with
 //!    existence probabilities all tracks compete; NPDA takes the reports one by one instead (`sequential`);
 //! 4. what confirmed tracks left over feeds the clutter map; a tentative track that took a static echo ends;
-//! 5. tracks are confirmed and ended ([`super::lifecycle`]);
+//! 5. tracks are ended and confirmed ([`super::lifecycle`]), and confirmed ones judged by their last updates (`health`);
 //! 6. reports that no track took, that are no static echo and lie in no confirmed track's gate start tentative tracks,
 //!    at rest, with the speed bound as uncertainty. With existence probabilities every report does, with the probability
 //!    that it is of no track. Where asked for, pairs of such reports start the tracks instead (`two_point`).
@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::clutter_map::ClutterMapState;
 use super::config::TrackerConfig;
 use super::engine::Engine;
+use super::health::Monitor;
 use super::intake::{Intake, Needs};
 use super::joint::{Group, Priors};
 use super::lifecycle::{Initiator, Start, Window};
@@ -84,6 +85,7 @@ impl MultiTargetTracker {
                 born: start.time,
                 last_hit: start.time,
                 hits: 0,
+                monitor: Monitor::default(),
             };
             tracker.next_id += 1;
             tracker.tracks.push(track);
@@ -122,6 +124,7 @@ impl MultiTargetTracker {
                 hits: track.hits,
                 existence: track.existence,
                 extent: None,
+                health: Some(track.monitor.health),
             })
         })
     }
@@ -172,6 +175,7 @@ impl MultiTargetTracker {
             self.work.put_back(index, bench);
             self.map_clutter(&mut look);
             self.end(&look);
+            self.check_health(&look)?;
             self.confirm(scan.time);
             self.initiate(&look)?;
             self.drop_diverged(scan, || "their estimate".into())?;

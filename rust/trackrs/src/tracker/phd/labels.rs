@@ -117,6 +117,7 @@ impl Labels {
             hits: candidate.extractions,
             existence: Some(target.weight.min(1.0)),
             extent: target.extent.clone(),
+            health: None,
         })
     }
 }
