@@ -12,7 +12,7 @@
 //!    distribution cut off at the gate, so they hold whatever the gate and for sensors of different sizes together:
 //!    u = min_θ (Σ ln M_m(θ) + ln 1/α) / θ,  l = max_θ −(Σ ln M_m(−θ) + ln 1/α) / θ,  M_m(θ) = E[e^(θν) | ν ≤ g].
 //! 2. A sensor misses a track if k or more of its last W scans gave it no report, where P(Bin(W, 1 − P_D p) ≥ k) ≤ α;
-//!    1 − P_D p is taken as [`LEAST_MISSED`] at least.
+//!    1 − P_D p is taken as [`LEAST_MISSED`] at least. One with fewer scans has no say once W scans of all gave no report.
 //! 3. A track is *degraded* while Σ ν is too large or too small. It is *lost* once Σ ν has been too large for W further updates, or
 //!    while every sensor that ever hit it misses it. Otherwise it is *healthy*.
 //!
@@ -54,6 +54,8 @@ pub(super) struct Monitor {
     updates: u8,
     /// Updates in a row with too large a sum.
     above: u32,
+    /// Scans of sensors that have hit the track since one of them did.
+    since: u32,
     pub(super) health: Health,
     /// Updates in the scan that is being worked on.
     #[serde(skip)]
@@ -77,6 +79,11 @@ impl Monitor {
             .saturating_add(1)
             .min(u8::try_from(WINDOW).unwrap_or(u8::MAX));
         self.new = self.new.saturating_add(1);
+    }
+
+    /// Books whether a scan of a sensor that has hit the track gave it a report.
+    pub(super) fn look(&mut self, hit: bool) {
+        self.since = if hit { 0 } else { self.since.saturating_add(1) };
     }
 
     /// Sum of ν over the window, once it is full.
@@ -265,13 +272,16 @@ fn most_missed(q: f64) -> u32 {
 impl LiveTrack {
     /// Whether every sensor that ever hit it misses it.
     fn is_missed(&self, most_missed: &[u32]) -> bool {
-        let mut seen = self
-            .windows
-            .iter()
-            .zip(most_missed)
-            .filter(|(window, _)| window.seen())
-            .peekable();
-        seen.peek().is_some() && seen.all(|(window, most)| window.misses_of(WINDOW as u32).is_some_and(|n| n >= *most))
+        let window = WINDOW as u32;
+        let mut any = false;
+        for (seen, most) in self.windows.iter().zip(most_missed).filter(|(seen, _)| seen.seen()) {
+            match seen.misses_of(window) {
+                Some(misses) if misses >= *most => any = true,
+                None if self.monitor.since >= window => {}
+                _ => return false,
+            }
+        }
+        any
     }
 }
 

@@ -111,6 +111,14 @@ impl LiveTrack {
         }
     }
 
+    /// Books whether a scan of a sensor gave it a report.
+    pub(super) fn looked_at(&mut self, sensor: usize, hit: bool) {
+        self.windows[sensor].push(hit);
+        if self.windows[sensor].seen() {
+            self.monitor.look(hit);
+        }
+    }
+
     pub(super) fn is_finite(&self) -> bool {
         // Without a branch, so that several numbers are looked at at once.
         let all = |numbers: &[f64]| numbers.iter().fold(true, |all, v| all & v.is_finite());

@@ -54,7 +54,7 @@ impl MultiTargetTracker {
         }
         self.advance(now, look.scan.time)?;
         for (track, hit) in self.tracks.iter_mut().zip(hit) {
-            track.windows[look.sensor_index].push(hit);
+            track.looked_at(look.sensor_index, hit);
         }
         Ok(())
     }
