@@ -19,7 +19,7 @@ TEST_FLAGS := --release --locked --workspace --config profile.release.package.tr
 # maturin tells pyo3 about the interpreter through these; with other values pyo3 would be compiled again at every turn.
 PYO3_ENV = PYO3_BUILD_EXTENSION_MODULE=1 PYO3_CONFIG_FILE=$(shell ls -t $(TARGET)/maturin/pyo3-config-*.txt | head -1)
 
-.PHONY: help demo test test-rust test-python lint quick bench docs clean
+.PHONY: help demo test test-rust test-python lint quick bench docs soak clean
 .NOTPARALLEL:
 
 help: ## list the targets
@@ -49,6 +49,16 @@ quick: $(VENV)/.dev ## the part of lint that takes seconds
 
 bench: $(VENV)/.package ## side by side with peers into benchmarks/RESULTS.md; BENCH=folder of the peers' benchmark
 	$(BIN)/python benchmarks/run.py '$(BENCH)'
+
+# Every entry of the fuzzing tests gets so many cases: ten million in all.
+SOAK_CASES := 300000
+
+soak: $(VENV)/.package $(VENV)/.dev ## an hour of faults: 10 million cases, 1,000 kills, a day of 50 targets in clutter
+	TRACKRS_FUZZ_CASES=$(SOAK_CASES) cargo test $(TEST_FLAGS) fuzz
+	TRACKRS_FORKS=1000 $(BIN)/python -m pytest -q tests/test_boundary.py
+	rm -rf out/kills && mkdir -p out/kills
+	TRACKRS_KILLS=1000 $(BIN)/python tests/live_kills.py out/kills
+	$(BIN)/python tests/soak.py
 
 docs: $(VENV)/.package ## the Rust documentation, into target/doc
 	$(PYO3_ENV) RUSTDOCFLAGS='-D warnings' cargo doc --release --locked --workspace --no-deps

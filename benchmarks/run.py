@@ -77,6 +77,16 @@ def table(records: list[dict]) -> list[str]:
     return lines
 
 
+def versions(records: list[dict]) -> list[str]:
+    """Return who took part and who was not there."""
+    took = sorted(
+        {f"{r['peer']} {r.get('version', '')}".strip() for r in records if r["peer"] != "LIMIT" and "median" in r}
+    )
+    absent = sorted({r["peer"] for r in records if "median" not in r} - {r["peer"] for r in records if "median" in r})
+    lines = ["", f"Python {platform.python_version()}. Took part: {', '.join(took)}."]
+    return [*lines, f"Not there or refused: {', '.join(absent)}."] if absent else lines
+
+
 def main() -> int:
     """Run all and write RESULTS.md; exit code 2 where the peers' folder is missing."""
     given = sys.argv[1] if len(sys.argv) > 1 else ""
@@ -96,7 +106,11 @@ def main() -> int:
         f"Written by `make bench` on one core of {platform.machine()} ({os.cpu_count()} in all). CPU time; read the",
         "ratio to the LIMIT row of the same run. The spread says how far to trust it.",
     ]
-    (HERE / "RESULTS.md").write_text("\n".join([*head, *table(records), ""]), encoding="utf-8")
+    grown = subprocess.run(
+        [sys.executable, HERE / "scaling.py"], check=True, stdout=subprocess.PIPE, text=True
+    ).stdout.splitlines()
+    lines = [*head, *versions(records), *table(records), *grown, ""]
+    (HERE / "RESULTS.md").write_text("\n".join(lines), encoding="utf-8")
     print(f"written: {HERE / 'RESULTS.md'}")
     return 0
 

@@ -187,6 +187,19 @@ def test_forms_and_windows_that_mean_the_same_give_the_same():
     assert not np.array_equal(run(r_window=40).r_hat, plain.r_hat)
 
 
+@pytest.mark.parametrize("q_form", ["full", "input"])
+def test_estimates_of_noise_are_symmetric_bit_for_bit_and_positive_definite(q_form):
+    rng = np.random.default_rng(2)
+    values = np.cumsum(rng.normal(size=(200, 3)), axis=0) + rng.normal(size=(200, 3))
+    motion, sensor = tr.ConstantVelocity(dims=3, accel_psd=0.1), tr.PositionSensor(dims=3, std=1.0)
+    start = tr.GaussianState(np.zeros(6), np.eye(6))
+    for rule in (tr.LimitedMemoryNoise(window=20, q_form=q_form, r_form="full"), tr.LimitedMemoryNoise.as_printed(20)):
+        run = tr.KalmanFilter(motion, sensor, adapt=rule).run(np.arange(1.0, 201.0), values, initial=start)
+        for estimate in (run.q_hat, run.r_hat, run.covs):
+            np.testing.assert_array_equal(estimate, estimate.swapaxes(1, 2))
+            assert np.linalg.eigvalsh(estimate).min() > -1e-12
+
+
 def test_measurements_at_one_time_do_not_disturb_the_estimate():
     times = np.repeat(np.arange(1.0, 60.0), 2)
     values = np.random.default_rng(1).normal(size=(len(times), 1))

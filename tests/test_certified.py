@@ -23,7 +23,6 @@ FAULTS = {
     "smoother_1e8": SMOOTHER,
     "smoother_1e8_roots": SMOOTHER,
     "smoother_1e13_roots": SMOOTHER,
-    "gospa_extents_alike": "tr(X + Y - 2 (X^1/2 Y X^1/2)^1/2) is a difference: nothing is left where X = Y almost",
 }
 
 

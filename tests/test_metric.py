@@ -133,6 +133,48 @@ def test_evaluation_counts_holds_switches_and_false_tracks():
     assert score.nees == pytest.approx(4 * 25.0 / 7)
 
 
+def test_a_track_or_target_twice_at_one_time_is_named():
+    truth, metrics = tr.Truth("a", [0.0, 60.0], [[0, 0], [0, 0]]), [tr.GOSPA(c=30.0)]
+    twice = tracks_of([(0, 5, 0.0, 0.0), (1, 5, 0.0, 0.0), (1, 5, 1.0, 0.0)], [0.0, 60.0])
+    with pytest.raises(tr.ParameterError, match="track id = 5 twice at 60 s is invalid: must be there once"):
+        tr.evaluate([truth], twice, metrics)
+    with pytest.raises(tr.ParameterError, match="truth = a is invalid: must be there once"):
+        tr.evaluate([truth, truth], tracks_of([(0, 5, 0.0, 0.0)], [0.0]), metrics)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_scores_of_tracks_lost_and_found_again_equal_those_counted_by_hand(seed):
+    """Pairs by SciPy, scan by scan; holds, fragments and switches counted from the list of who held whom."""
+    rng = np.random.default_rng(seed)
+    scans, targets, cutoff = 40, 4, 20.0
+    times = np.arange(scans, dtype=float)
+    paths = np.cumsum(rng.normal(0.0, 8.0, (scans, targets, 2)), axis=0) + rng.uniform(-40, 40, (targets, 2))
+    truth = [tr.Truth(str(j), times, paths[:, j]) for j in range(targets)]
+    ids, rows, held = list(range(1, targets + 1)), [], [[] for _ in range(targets)]
+    for k in range(scans):
+        # Tracks are lost for some scans, and found again with the same identity, a new one, or that of another.
+        for j in range(targets):
+            if rng.random() < 0.1:
+                ids[j] = rng.choice([max(ids) + 1, ids[j]])
+        if rng.random() < 0.1:
+            rng.shuffle(ids)
+        seen = [j for j in range(targets) if rng.random() < 0.7]
+        found = {int(ids[j]): paths[k, j] + rng.normal(0.0, 4.0, 2) for j in seen}
+        rows += [(k, track, *position) for track, position in found.items()]
+        if not found:
+            continue
+        apart = np.linalg.norm(paths[k][:, None] - np.array(list(found.values()))[None], axis=2)
+        for j, i in zip(*linear_sum_assignment(np.minimum(apart, cutoff) ** 2), strict=True):
+            if apart[j, i] < cutoff:
+                held[j].append(list(found)[i])
+    score = tr.evaluate(truth, tracks_of(rows, times), [tr.GOSPA(c=cutoff)])
+    for target, by in zip(score.per_target, held, strict=True):
+        changes = sum(a != b for a, b in zip(by, by[1:], strict=False))
+        assert (target.held, target.switches, target.fragments) == (len(by), changes, changes + bool(by))
+        assert target.longest == max((by.count(track) for track in by), default=0) / scans
+    assert set(score.false_ids) == {row[1] for row in rows} - {track for by in held for track in by}
+
+
 def test_what_is_outside_the_region_does_not_count():
     truth = [tr.Truth("in", [0.0, 60.0], [[10, 0], [10, 0]]), tr.Truth("out", [0.0, 60.0], [[60, 0], [60, 0]])]
     # Track 2 stands just inside but belongs to the target just outside; track 3 is far out; track 4 is false.

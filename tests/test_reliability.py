@@ -18,7 +18,7 @@ def exists(file: str, name: str) -> bool:
         places, pattern = [ROOT / "tests" / file], rf"^def {name}\("
     else:
         places = [*(ROOT / "rust" / "trackrs").rglob(file)]
-        pattern = rf"#\[test\]\s+(?:#\[[^\]]*\]\s+)*fn {name}\(|^\s+fn {name}\("
+        pattern = rf"#\[test\]\s+(?:#\[[^\]]*\]\s+)*fn {name}\(|^\s+fn {name}\(|^pub\(crate\) fn {name}\(source: "
     return any(re.search(pattern, place.read_text(encoding="utf-8"), re.MULTILINE) for place in places)
 
 

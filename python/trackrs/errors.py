@@ -14,7 +14,7 @@ class DimensionError(TrackrsError, ValueError):
 
 
 class NonFiniteError(TrackrsError, ValueError):
-    """A number that must be finite is NaN or infinite."""
+    """A number that must be finite is NaN or infinite, or a result has become so."""
 
 
 class TimeError(TrackrsError, ValueError):

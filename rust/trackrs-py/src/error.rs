@@ -53,7 +53,7 @@ pub(crate) fn to_python(py: Python<'_>, error: &Error) -> PyErr {
     let name = match error {
         Error::NotPositiveDefinite { .. } => "NotPositiveDefiniteError",
         Error::DimensionMismatch { .. } | Error::Shape { .. } => "DimensionError",
-        Error::NonFinite { .. } => "NonFiniteError",
+        Error::NonFinite { .. } | Error::Overflow { .. } => "NonFiniteError",
         Error::InvalidParameter { .. } => "ParameterError",
         Error::TimeReversed { .. } => "TimeError",
         Error::UnknownSensor { .. } => "UnknownSensorError",
@@ -82,6 +82,12 @@ pub(crate) fn compute<T: Send>(py: Python<'_>, work: impl FnOnce() -> trackrs::R
             ))
         }
     }
+}
+
+/// Panics in the core, as nothing should, to show what then reaches Python.
+#[pyfunction(name = "_panic")]
+pub(crate) fn panic_on_purpose(py: Python<'_>) -> PyResult<()> {
+    compute(py, || panic!("on purpose"))
 }
 
 /// A count that the user may have given as any whole number.

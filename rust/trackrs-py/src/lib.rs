@@ -35,6 +35,8 @@ mod _trackrs {
     #[pymodule_export]
     use crate::batch::{TrackBatch, simd_levels};
     #[pymodule_export]
+    use crate::error::panic_on_purpose;
+    #[pymodule_export]
     use crate::filter::Filter;
     #[pymodule_export]
     use crate::fusion::{covariance_intersection, paper_start, start_state};

@@ -110,6 +110,12 @@ pub enum Error {
         /// Which law.
         reason: String,
     },
+    /// A result is too large for a number, or is none because numbers on the way were.
+    #[error("{what} is not finite: numbers of this size cannot be computed with")]
+    Overflow {
+        /// Which result.
+        what: String,
+    },
     /// Strict mode turned an event into an error.
     #[error("strict mode: {event}")]
     Strict {
@@ -146,6 +152,19 @@ pub fn require_positive(name: &str, value: f64) -> Result<()> {
     Err(Error::invalid(name, value, "must be finite and positive"))
 }
 
+/// `Ok` if the value is a standard deviation whose variance can be told, else an error that names the parameter.
+pub(crate) fn require_std(name: &str, value: f64) -> Result<()> {
+    require_positive(name, value)?;
+    if (value * value).is_normal() {
+        return Ok(());
+    }
+    Err(Error::invalid(
+        name,
+        value,
+        "must have a square that is neither 0 nor infinite",
+    ))
+}
+
 /// `Ok` if the value is finite and not negative, else an error that names the parameter.
 pub fn require_non_negative(name: &str, value: f64) -> Result<()> {
     if value.is_finite() && value >= 0.0 {
@@ -171,6 +190,17 @@ pub fn require_finite<'a>(what: &str, values: impl IntoIterator<Item = &'a f64>)
             index,
         }),
     }
+}
+
+/// Whether all are finite; without a branch for each, since results are long.
+pub(crate) fn all_finite(values: &[f64]) -> bool {
+    const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
+    let mut carry = 0;
+    for value in values {
+        // Of exponents only that of infinities and NaN carries.
+        carry |= (value.to_bits() & EXPONENT).wrapping_add(1 << 52);
+    }
+    carry >> 63 == 0
 }
 
 /// `Ok` if the two sizes agree, else an error that names what has the wrong one.

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, all_finite, require_finite};
 use crate::linalg::stack::Stack;
 use crate::linalg::symmetric::{require_covariance, symmetrise};
 
@@ -24,6 +24,14 @@ impl Gaussian {
         require_covariance("cov", &cov, mean.len())?;
         symmetrise(&mut cov);
         Ok(Self { mean, cov })
+    }
+
+    /// An error where the numbers have grown too large to be told.
+    pub(crate) fn require_finite(&self, what: &str) -> Result<()> {
+        if all_finite(self.mean.as_slice()) && all_finite(self.cov.as_slice()) {
+            return Ok(());
+        }
+        Err(Error::Overflow { what: what.into() })
     }
 
     /// Length of the mean.
@@ -124,6 +132,15 @@ impl Gaussians {
     /// All, by value.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = Gaussian> {
         (0..self.len()).map(|index| self.at(index))
+    }
+
+    /// The first one from `from` on with a number that is not finite.
+    pub(crate) fn first_not_finite(&self, from: usize) -> Option<usize> {
+        let all = |stack: &Stack| all_finite(stack.after(from));
+        if all(&self.means) && all(&self.covs) {
+            return None;
+        }
+        (from..self.len()).find(|&i| !(all_finite(self.means.at(i)) && all_finite(self.covs.at(i))))
     }
 
     /// Adds one.

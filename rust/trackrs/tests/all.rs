@@ -15,6 +15,7 @@ mod existence;
 mod extended_targets;
 mod fixed;
 mod fusion;
+mod fuzz;
 mod geodesy;
 mod health;
 mod helmet;

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use self::each::Each;
 use super::sequence::Filter;
 use super::square_root::Form;
-use crate::error::{Error, Result, require_finite, require_size};
+use crate::error::{Error, Result, all_finite, require_finite, require_size};
 use crate::gaussian::Gaussian;
 use crate::lanes::Level;
 use crate::lanes::block::LANES;
@@ -26,6 +26,9 @@ use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
 /// Fewer steps of tracks than this are not worth a thread of their own.
 const PER_THREAD: usize = 20_000;
+/// Measurements, states and noise beyond this or below its inverse, and steps longer than this, are suspected of overflow.
+const HUGE: f64 = 1e30;
+const LONG: f64 = 1e10;
 /// Steps of tracks between two looks whether to go on: some hundredths of a second in lanes, and track by track.
 const PIECE: usize = 500_000;
 const PIECE_EACH: usize = 5_000;
@@ -40,6 +43,8 @@ pub struct TrackBatch {
     threads: usize,
     states: States,
     failures: Vec<u64>,
+    /// Whether numbers have come in with which an estimate could overflow: only then is it looked at for that.
+    huge: bool,
 }
 
 #[derive(Debug)]
@@ -118,6 +123,13 @@ impl TrackBatch {
             Cholesky::new(&cov, &name)?;
         }
         let level = Level::chosen()?;
+        let noise = [filter.sensor().noise(), filter.motion().noise(1.0)];
+        let ordinary = |value: &f64| value.abs() <= HUGE && (*value == 0.0 || value.abs() >= 1.0 / HUGE);
+        let all = means
+            .iter()
+            .chain(covs)
+            .chain(noise.iter().flat_map(|noise| noise.iter()));
+        let huge = !all.copied().all(|value| ordinary(&value));
         let states = match structure(&filter).and_then(|(dims, order)| lanes(dims, order, tracks)) {
             Some(mut lanes) => {
                 for track in 0..tracks {
@@ -142,6 +154,7 @@ impl TrackBatch {
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             states,
             failures: vec![0; tracks],
+            huge,
         })
     }
 
@@ -235,11 +248,13 @@ impl TrackBatch {
                 index,
             });
         }
+        self.huge = self.huge || values.iter().any(|value| value.abs() > HUGE);
         let mut previous = self.time;
         for &time in times {
             if time < previous {
                 return Err(Error::TimeReversed { time, previous });
             }
+            self.huge = self.huge || time - previous > LONG;
             previous = time;
         }
         let rows = self.tracks * times.len();
@@ -253,9 +268,13 @@ impl TrackBatch {
         let size = (piece / times.len().max(1))
             .next_multiple_of(LANES)
             .max(LANES * self.threads);
-        // Lanes cannot fail, and one piece is not interrupted.
-        let copy = (!self.in_lanes() || self.tracks > size).then(|| (self.states.copied(), self.failures.clone()));
-        let result = self.run_pieces(times, values, size, &mut out, &mut go_on);
+        // One piece is not interrupted, and lanes do not fail but by overflow.
+        let may_fail = !self.in_lanes() || self.tracks > size || self.huge;
+        let copy = may_fail.then(|| (self.states.copied(), self.failures.clone()));
+        let mut result = self.run_pieces(times, values, size, &mut out, &mut go_on);
+        if result.is_ok() && self.huge {
+            result = self.require_finite();
+        }
         match (result, copy) {
             (Ok(()), _) => {
                 self.time = previous;
@@ -267,6 +286,19 @@ impl TrackBatch {
                 }
                 Err(error)
             }
+        }
+    }
+
+    fn require_finite(&self) -> Result<()> {
+        let n = self.filter.motion().state_dim().max(1);
+        let (means, covs) = self.copied();
+        let tracks = means.chunks_exact(n).zip(covs.chunks_exact(n * n));
+        let finite = |(mean, cov): (&[f64], &[f64])| all_finite(mean) && all_finite(cov);
+        match tracks.map(finite).position(|finite| !finite) {
+            None => Ok(()),
+            Some(track) => Err(Error::Overflow {
+                what: format!("estimate of track {track}"),
+            }),
         }
     }
 

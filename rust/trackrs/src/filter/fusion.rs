@@ -88,13 +88,12 @@ pub fn covariance_intersection(
         right += y * (&estimate.mean - &first.mean) * w;
     }
     let right = DMatrix::from_column_slice(n, 1, right.as_slice());
-    Ok(Intersection {
-        state: Gaussian {
-            mean: &first.mean + factor.solve(&right).column(0),
-            cov: inverse_of(&factor),
-        },
-        weights,
-    })
+    let state = Gaussian {
+        mean: &first.mean + factor.solve(&right).column(0),
+        cov: inverse_of(&factor),
+    };
+    state.require_finite("fused state")?;
+    Ok(Intersection { state, weights })
 }
 
 fn checked(weights: &DVector<f64>, count: usize) -> Result<DVector<f64>> {

@@ -11,6 +11,9 @@
 //! C = P_{i−1} Fᵀ (P⁻)⁻¹, by solving with the Cholesky factor of P⁻                                  (U14)
 //! x_{i−1} = x + C (x_i − x⁻) + N(0, D),  D = (I − C F) P_{i−1} (I − C F)ᵀ + C Q Cᵀ                  (U15)
 //! lag one: cov(x_i, x_{i−1} | data to k) = P_{i|k} Cᵀ                                               (U16)
+//! Where little of a variance of P⁻ is left once the others are known, (U14) would lose as many digits as P⁻ is ill-conditioned. With
+//! P = Uᵀ U, Q = Vᵀ V and the rows of [U, U Fᵀ; 0, V] reflected into the triangle [A, 0; B, E] it loses half as many:
+//! Cᵀ = E⁻¹ B, D = Aᵀ A.                                                                             (U14 by factors)
 //! A link does not depend on data after i−1. Where states hold an attitude, differences and sums are those of [`StateSpace`]; P_i|k
 //! is counted from x⁻ on the way, and P_{i−1} from where x_{i−1} comes to stand (`chart.rs`).
 //!
@@ -19,10 +22,14 @@
 use nalgebra::Vector3;
 
 use super::chart::{Chart, settle_difference};
+use super::square_root::{Reflector, lower_root, solve_forward, square};
 use crate::error::{Error, Result};
 use crate::gaussian::GaussianRef;
 use crate::linalg::kernel::{self, BadPivot, known, sized};
 use crate::model::StateSpace;
+
+/// Share of a variance of P⁻ left once those before it are known, below which the link is made by factors.
+pub(super) const LITTLE: f64 = 1e-2;
 
 /// The step that leads to an epoch.
 #[derive(Debug, Clone, Copy)]
@@ -111,8 +118,50 @@ impl Link {
         if moves {
             sized!(factor(n, step.predicted.cov, &mut scratch.lower)).map_err(|pivot| singular(pivot, step.number))?;
         }
+        let left = |i: usize| scratch.lower[i * n + i] * scratch.lower[i * n + i];
+        if moves && (0..n).any(|i| left(i) < LITTLE * step.predicted.cov[i * n + i]) && self.by_factors(before, step) {
+            return Ok(moves);
+        }
         sized!(fill(n, self, before.cov, step, moves, scratch));
         Ok(moves)
+    }
+
+    /// The same by factors; false where P or Q has none.
+    fn by_factors(&mut self, before: GaussianRef<'_>, step: &Step<'_>) -> bool {
+        let n = self.n;
+        let (mut u, mut v, mut work) = (vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]);
+        let known = lower_root(n, before.cov, &mut work, &mut u, "covariance")
+            .and_then(|()| lower_root(n, step.noise, &mut work, &mut v, "motion noise"));
+        if known.is_err() {
+            return false;
+        }
+        let mut rows = vec![0.0; 4 * n * n];
+        for (i, row) in rows.chunks_exact_mut(2 * n).enumerate() {
+            let (earlier, later) = row.split_at_mut(n);
+            if i < n {
+                let u = &u[i * n..(i + 1) * n];
+                earlier.copy_from_slice(u);
+                for (x, f) in later.iter_mut().zip(step.transition.chunks_exact(n)) {
+                    *x = kernel::dot(u, f);
+                }
+            } else {
+                later.copy_from_slice(&v[(i - n) * n..(i - n + 1) * n]);
+            }
+        }
+        Reflector::default().triangularise(2 * n, &mut rows);
+        for (i, row) in rows.chunks_exact(2 * n).enumerate() {
+            let (earlier, later) = row.split_at(n);
+            if i < n {
+                u[i * n..(i + 1) * n].copy_from_slice(earlier);
+            } else {
+                self.gain_transposed[(i - n) * n..(i - n + 1) * n].copy_from_slice(earlier);
+                v[(i - n) * n..(i - n + 1) * n].copy_from_slice(later);
+            }
+        }
+        solve_forward(n, n, &v, &mut self.gain_transposed);
+        kernel::transpose(n, &self.gain_transposed, &mut self.gain);
+        square(n, &u, &mut self.rest);
+        true
     }
 
     /// The estimate of the earlier epoch, from that of the later one.

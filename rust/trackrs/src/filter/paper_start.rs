@@ -47,9 +47,11 @@ pub fn paper_start(fixes: &[TimedFix], velocity_std: f64, accel_std: f64) -> Res
         cov[(d + i, d + i)] = velocity_std * velocity_std;
         cov[(2 * d + i, 2 * d + i)] = accel_std * accel_std;
     }
+    let state = Gaussian { mean, cov };
+    state.require_finite("start")?;
     Ok(InitialState {
         time: right.time,
-        state: Gaussian { mean, cov },
+        state,
     })
 }
 

@@ -27,7 +27,7 @@ use super::run::FilterRun;
 use super::screen::{Screened, Verdict};
 use super::sequence::{Filter, History, InitialState, Sequence};
 use super::square_root::factor_of;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::model::{Motion, Sensor};
 
@@ -133,6 +133,7 @@ impl<'a> Runner<'a> {
         run: &mut FilterRun,
     ) -> Result<()> {
         let (n, m) = (self.state.dim(), self.filter.sensor().measurement_dim());
+        let (end, known) = (data.first_row + rows.end, run.filtered.len());
         let mut rows = rows;
         while !rows.is_empty() {
             if let Some(fixed) = &mut self.fixed
@@ -161,7 +162,14 @@ impl<'a> Runner<'a> {
                 self.look_ahead(leads[row], history, run)?;
             }
         }
-        Ok(())
+        // Those of the last row alone where no other is kept.
+        let known = if history == History::Last { 0 } else { known };
+        match run.filtered.first_not_finite(known) {
+            None => Ok(()),
+            Some(at) => Err(Error::Overflow {
+                what: format!("estimate at row {}", end - (run.filtered.len() - at)),
+            }),
+        }
     }
 
     /// Adds to `run` the prediction by `lead` seconds from where the runner is.
@@ -178,6 +186,7 @@ impl<'a> Runner<'a> {
             noise,
         };
         self.ahead.predict(&self.state, self.factor.as_deref(), &course)?;
+        self.ahead.state.require_finite("prediction ahead")?;
         run.push_lead(self.time + lead, &self.ahead.state, history);
         Ok(())
     }

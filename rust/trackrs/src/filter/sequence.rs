@@ -271,6 +271,7 @@ impl Filter {
             state.clone_from(&prediction.state);
             factor = prediction.factor().map(<[f64]>::to_vec);
         }
+        state.require_finite("prediction")?;
         Ok(state)
     }
 
@@ -285,7 +286,9 @@ impl Filter {
         check_platform(&self.sensor, platform)?;
         self.require_possible(measurement.as_slice(), &"")?;
         let space = self.motion.space();
-        extended::update_in(space, state, &self.sensor, measurement, platform, self.method)
+        let update = extended::update_in(space, state, &self.sensor, measurement, platform, self.method)?;
+        update.posterior.require_finite("estimate")?;
+        Ok(update)
     }
 
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.

@@ -262,6 +262,7 @@ impl Backward {
             require_size("smoothed state", last.filtered.dim(), self.now.dim())?;
         }
         let mut fixed = way_back(self.now.dim());
+        let known = self.run.states.len();
         let mut rest = epochs;
         loop {
             if let Some(fixed) = &mut fixed {
@@ -269,7 +270,12 @@ impl Backward {
                 rest = &rest[..rest.len() - taken];
             }
             let [.., before, after] = rest else {
-                return Ok(());
+                return match self.run.states.first_not_finite(known) {
+                    None => self.now.require_finite("smoothed state"),
+                    Some(_) => Err(Error::Overflow {
+                        what: "smoothed state".into(),
+                    }),
+                };
             };
             let link = link(before.filtered, after, &mut self.scratch)?;
             self.step(&link);

@@ -73,10 +73,9 @@ pub fn start_state(fixes: &[TimedFix], order: usize, motion: Option<&dyn Motion>
     let mean = &solve * stacked;
     let mut cov = &solve * cov * solve.transpose();
     symmetrise(&mut cov);
-    Ok(InitialState {
-        time: last,
-        state: Gaussian { mean, cov },
-    })
+    let state = Gaussian { mean, cov };
+    state.require_finite("start")?;
+    Ok(InitialState { time: last, state })
 }
 
 /// These fixes in coordinates that add, as angles (`angles`) and attitudes (`attitude`) do not: angles the shorter way from

@@ -27,8 +27,23 @@ use crate::stats::chi_square;
 
 /// A gate that holds a target's own report with this probability.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "SavedGate")]
 pub struct Gate {
     probability: f64,
+}
+
+/// A gate as it is saved, unchecked.
+#[derive(Deserialize)]
+struct SavedGate {
+    probability: f64,
+}
+
+impl TryFrom<SavedGate> for Gate {
+    type Error = crate::Error;
+
+    fn try_from(saved: SavedGate) -> Result<Self> {
+        Self::new(saved.probability)
+    }
 }
 
 impl Gate {

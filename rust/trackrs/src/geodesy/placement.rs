@@ -24,7 +24,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::local::{Axes, LocalFrame, turned};
 use super::similarity::{PointEstimate, Similarity, fit_named, normal_equations};
 use super::wgs84::Geodetic;
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use crate::error::{Error, Result, all_finite, require_finite, require_size, require_std};
 
 const MAX_STEPS: usize = 50;
 /// The steps end when the correction is below this share of the size of the array.
@@ -76,7 +76,7 @@ pub fn place_array(elements: &[Vector3<f64>], fixes: &[Option<Fix>], origin: Geo
         let Some(fix) = fix else { continue };
         let here = Geodetic::of_row(row, fix.position.lat, fix.position.lon, fix.position.height)?;
         for std in fix.std {
-            require_positive(&format!("std[{row}]"), std)?;
+            require_std(&format!("std[{row}]"), std)?;
         }
         let turn = frame.rotation() * LocalFrame::new(here, Axes::Ned)?.rotation().transpose();
         let variances = Vector3::from(fix.std.map(|s| s * s));
@@ -104,11 +104,16 @@ pub fn place_array(elements: &[Vector3<f64>], fixes: &[Option<Fix>], origin: Geo
         Some(residual(p, &frame.from_geodetic(&fix.position)))
     };
     let dof = 3 * source.len() - 7;
+    let place = |p: &Vector3<f64>| similarity.propagate(p, &Matrix3::zeros());
+    let placed: Vec<PointEstimate> = elements.iter().map(place).collect();
+    let finite = |p: &PointEstimate| all_finite(p.position.as_slice()) && all_finite(p.cov.as_slice());
+    if !placed.iter().all(finite) {
+        return Err(Error::Overflow {
+            what: "placed element".into(),
+        });
+    }
     Ok(Placement {
-        elements: elements
-            .iter()
-            .map(|p| similarity.propagate(p, &Matrix3::zeros()))
-            .collect(),
+        elements: placed,
         residuals: elements.iter().zip(fixes).map(offset).collect(),
         chi_square,
         dof,

@@ -125,7 +125,8 @@ fn in_meridian(rho: f64, z: f64) -> Meridian {
     const E4: f64 = E2 * E2;
     let p = (rho / SEMI_MAJOR_AXIS) * (rho / SEMI_MAJOR_AXIS);
     let q = (1.0 - E2) * (z / SEMI_MAJOR_AXIS) * (z / SEMI_MAJOR_AXIS);
-    if q == 0.0 && p <= E4 {
+    // So near to the plane of the equator that products with q would underflow.
+    if q < 1e-290 && p <= E4 {
         let lat = libm::atan2((E4 - p).sqrt(), (1.0 - E2).sqrt() * p.sqrt());
         return Meridian {
             lat: libm::copysign(lat, z),

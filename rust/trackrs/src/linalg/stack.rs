@@ -101,6 +101,11 @@ impl Stack {
             .extend_from_slice(&other.values[from * self.size()..to * self.size()]);
     }
 
+    /// The numbers of all from matrix `index` on.
+    pub(crate) fn after(&self, index: usize) -> &[f64] {
+        &self.values[index * self.size()..]
+    }
+
     /// Matrix `index` row by row; `index` as in a slice.
     pub fn at(&self, index: usize) -> &[f64] {
         &self.values[index * self.size()..(index + 1) * self.size()]

@@ -83,9 +83,12 @@ pub fn average_band(dof: usize, runs: usize, probability: f64) -> Result<Band> {
     }
     let sum_dof = dof.saturating_mul(runs);
     let tail = 0.5 * (1.0 - probability);
+    let lower = chi_square::quantile(tail, sum_dof)? / runs as f64;
+    let upper = chi_square::upper_quantile(tail, sum_dof)? / runs as f64;
     Ok(Band {
-        lower: chi_square::quantile(tail, sum_dof)? / runs as f64,
-        upper: chi_square::upper_quantile(tail, sum_dof)? / runs as f64,
+        lower,
+        // Of a band without width the two are one number, found in two ways.
+        upper: upper.max(lower),
     })
 }
 
@@ -95,7 +98,16 @@ pub fn rmse(errors: &DMatrix<f64>) -> Result<f64> {
     if errors.nrows() == 0 {
         return Err(Error::invalid("errors", "0 rows", "must have at least one row"));
     }
-    Ok((errors.norm_squared() / errors.nrows() as f64).sqrt())
+    // Relative to the largest: squares must not overflow.
+    let scale = errors.amax();
+    if scale == 0.0 {
+        return Ok(0.0);
+    }
+    let rmse = (errors.unscale(scale).norm_squared() / errors.nrows() as f64).sqrt() * scale;
+    if rmse.is_finite() {
+        return Ok(rmse);
+    }
+    Err(Error::Overflow { what: "RMSE".into() })
 }
 
 #[cfg(test)]

@@ -169,12 +169,22 @@ pub fn evaluate(truth: &[TruthPath], frames: &[Frame], scoring: &Scoring) -> Res
     if let Some(radius) = scoring.region {
         require_positive("region", radius)?;
     }
+    let mut names = BTreeSet::new();
+    if let Some(path) = truth.iter().find(|path| !names.insert(&path.id)) {
+        return Err(Error::invalid("truth", &path.id, "must be there once"));
+    }
     let mut tally = Tally::new(truth);
     let mut scores = Vec::with_capacity(frames.len());
     for frame in frames {
         scores.push(score(truth, frame, scoring, &mut tally)?);
     }
-    Ok(tally.finish(scores, frames))
+    let found = tally.finish(scores, frames);
+    for (name, value) in [("RMSE", found.rmse), ("NEES", found.nees)] {
+        if value.is_infinite() {
+            return Err(Error::Overflow { what: name.into() });
+        }
+    }
+    Ok(found)
 }
 
 fn score(truth: &[TruthPath], frame: &Frame, scoring: &Scoring, tally: &mut Tally) -> Result<FrameScore> {
@@ -196,7 +206,12 @@ fn score(truth: &[TruthPath], frame: &Frame, scoring: &Scoring, tally: &mut Tall
     };
     let counted: Vec<&(usize, DVector<f64>)> = present.iter().filter(|(_, p)| inside(p)).collect();
     let mut tracks: Vec<(&Track, DVector<f64>)> = Vec::new();
+    let mut ids = BTreeSet::new();
     for track in &frame.tracks {
+        if !ids.insert(track.id) {
+            let value = format!("{} twice at {} s", track.id, frame.time);
+            return Err(Error::invalid("track id", value, "must be there once at a time"));
+        }
         if track.state.dim() < dims {
             return Err(Error::dimension("track state", dims, track.state.dim()));
         }

@@ -22,9 +22,11 @@ use nalgebra::DMatrix;
 
 use super::near::{Near, distances, matched, near};
 use super::ospa::{cutoff_power, power, root};
-use crate::error::{Error, Result, require_size};
+use crate::error::{Error, Result, all_finite, require_size};
 use crate::linalg::cholesky::Cholesky;
-use crate::linalg::symmetric::{symmetric_eigen, symmetrise};
+
+/// Far beyond what a singular value decomposition of an extent needs.
+const MAX_SWEEPS: usize = 1000;
 
 /// A target and an estimate that belong together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,15 +111,23 @@ pub struct Ellipses<'a> {
     pub extents: &'a [DMatrix<f64>],
 }
 
-/// `tr (X + Y − 2 (X^½ Y X^½)^½)`: the eigenvalues under the root are those of Lᵀ Y L, X = L Lᵀ.
+/// `tr (X + Y − 2 (X^½ Y X^½)^½)` as min over rotations U of ‖L − M U‖², X = L Lᵀ, Y = M Mᵀ, which does not cancel where X and Y
+/// are almost the same. With Mᵀ L = W Σ Vᵀ the minimum is at U = W Vᵀ.
 fn wasserstein_squared(x: &DMatrix<f64>, y: &DMatrix<f64>) -> Result<f64> {
     require_size("extent", x.nrows(), y.nrows())?;
-    Cholesky::new(y, "extent")?;
-    let factor = Cholesky::new(x, "extent")?;
-    let mut inner = factor.lower().transpose() * y * factor.lower();
-    symmetrise(&mut inner);
-    let roots: f64 = symmetric_eigen(&inner)?.values.iter().map(|v| v.max(0.0).sqrt()).sum();
-    Ok((x.trace() + y.trace() - 2.0 * roots).max(0.0))
+    let (l, m) = (Cholesky::new(x, "extent")?, Cholesky::new(y, "extent")?);
+    let overflow = || Error::Overflow {
+        what: "distance of extents".into(),
+    };
+    let product = m.lower().transpose() * l.lower();
+    if !all_finite(product.as_slice()) {
+        return Err(overflow());
+    }
+    let svd = product
+        .try_svd(true, true, f64::EPSILON, MAX_SWEEPS)
+        .ok_or_else(overflow)?;
+    let turn = svd.u.ok_or_else(overflow)? * svd.v_t.ok_or_else(overflow)?;
+    Ok((l.lower() - m.lower() * turn).norm_squared())
 }
 
 fn score(near: &[Near], [m, n]: [usize; 2], cutoff: f64, order: f64, alpha: f64) -> Result<Gospa> {

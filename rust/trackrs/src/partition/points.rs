@@ -47,9 +47,13 @@ impl Points {
         })
     }
 
-    /// The same, whitened with the covariance `noise`.
+    /// The same, whitened with the covariance `noise`. What is so many deviations away that squares would overflow is put
+    /// at the bound.
     pub fn whitened(values: &[f64], dims: usize, noise: &DMatrix<f64>) -> Result<Self> {
-        let mut points = Self::new(values, dims)?;
+        require_finite("points", values)?;
+        let bounded =
+            |values: &[f64]| -> Vec<f64> { values.iter().map(|v| v.clamp(-MAX_SPREAD, MAX_SPREAD)).collect() };
+        let mut points = Self::new(&bounded(values), dims)?;
         if noise.shape() != (dims, dims) {
             return Err(Error::Shape {
                 what: "noise".into(),
@@ -68,7 +72,7 @@ impl Points {
                 let white = factor.whiten(&DVector::from_row_slice(row)) * deviation;
                 row.copy_from_slice(white.as_slice());
             }
-            return Self::new(&points.values, dims).map(|points| points.with_deviation(deviation));
+            return Self::new(&bounded(&points.values), dims).map(|points| points.with_deviation(deviation));
         }
         Ok(points.with_deviation(deviation))
     }

@@ -102,7 +102,9 @@ impl Reduction {
     }
 
     /// The reduced mixture.
-    pub fn reduce(&self, mut components: Vec<Component>) -> Result<Vec<Merged>> {
+    ///
+    /// One whose covariance is not positive definite has no distance from others and is merged with none.
+    pub fn reduce(&self, mut components: Vec<Component>) -> Vec<Merged> {
         let mut order: Vec<(f64, usize)> = components.iter().map(|c| c.weight).zip(0..).collect();
         order.retain(|(weight, _)| *weight > self.prune);
         // Heaviest first; equal weights stay in their order.
@@ -117,7 +119,7 @@ impl Reduction {
             let mut staying = 0;
             for at in 0..rest.len() {
                 let i = rest[at];
-                if places.joins(i, *heaviest, &components[order[i].1].state)? {
+                if places.joins(i, *heaviest, &components[order[i].1].state) {
                     members.push(order[i].1);
                 } else {
                     rest[staying] = i;
@@ -145,7 +147,7 @@ impl Reduction {
             let component = components[component].take()?;
             Some(Merged { component, labels })
         };
-        Ok(kept.into_iter().filter_map(merged).collect())
+        kept.into_iter().filter_map(merged).collect()
     }
 }
 
@@ -191,38 +193,33 @@ impl Places {
     }
 
     /// Whether component i, whose state this is, lies within U of the mean of j.
-    fn joins(&mut self, i: usize, j: usize, state: &Gaussian) -> Result<bool> {
+    fn joins(&mut self, i: usize, j: usize, state: &Gaussian) -> bool {
         let n = self.dim;
         let (from, to) = (&self.means[i * n..][..n], &self.means[j * n..][..n]);
         // eᵀ P⁻¹ e is at least e_k² / P_kk for every k.
         for ((x, y), reach) in from.iter().zip(to).zip(&self.reaches[i * n..][..n]) {
             let off = x - y;
             if off * off > *reach {
-                return Ok(false);
+                return false;
             }
         }
-        let at = match self.factor_of[i] {
-            Some(at) => at,
-            None => self.factorise(i, state)?,
+        let Some(at) = self.factor_of[i].or_else(|| self.factorise(i, state)) else {
+            return false;
         };
         let (from, to) = (&self.means[i * n..][..n], &self.means[j * n..][..n]);
         let e = &mut self.offset;
         e.clear();
         e.extend(from.iter().zip(to).map(|(x, y)| x - y));
         kernel::solve_lower::<1>(n, 1, &self.factors[at..][..n * n], e);
-        Ok(kernel::dot(e, e) <= self.merge)
+        kernel::dot(e, e) <= self.merge
     }
 
-    fn factorise(&mut self, i: usize, state: &Gaussian) -> Result<usize> {
+    fn factorise(&mut self, i: usize, state: &Gaussian) -> Option<usize> {
         let at = self.factors.len();
         self.factors.extend_from_slice(state.cov.as_slice());
-        sized!(factor(self.dim, &mut self.factors[at..])).map_err(|pivot| Error::NotPositiveDefinite {
-            what: "component covariance".into(),
-            pivot: pivot.index,
-            value: pivot.value,
-        })?;
+        sized!(factor(self.dim, &mut self.factors[at..])).ok()?;
         self.factor_of[i] = Some(at);
-        Ok(at)
+        Some(at)
     }
 }
 

@@ -54,6 +54,7 @@ pub fn regularise(times: &[f64], period: Option<f64>) -> Result<RegularTimes> {
     }
     // Differences from the first keep their digits where stamps are seconds since 1970.
     let since: Vec<f64> = times.iter().map(|t| t - times[0]).collect();
+    require_finite("differences of times", &since)?;
     let mut clock = Clock {
         start: 0.0,
         period: match period {
@@ -64,10 +65,7 @@ pub fn regularise(times: &[f64], period: Option<f64>) -> Result<RegularTimes> {
             None => first_period(&since)?,
         },
     };
-    if since.last().is_some_and(|last| last / clock.period > MAX_STEPS) {
-        let requirement = "must not be so short against the times that steps cannot be counted";
-        return Err(Error::invalid("period", clock.period, requirement));
-    }
+    require_countable(&since, clock.period)?;
     let mut steps = clock.steps(&since);
     for _ in 0..MAX_ITERATIONS {
         clock.fit(&since, &steps, period.is_none());
@@ -84,22 +82,38 @@ pub fn regularise(times: &[f64], period: Option<f64>) -> Result<RegularTimes> {
         .zip(&since)
         .map(|(n, t)| (t - regular(n)) * (t - regular(n)))
         .sum();
+    let jitter = (square / times.len() as f64).sqrt();
+    if ![clock.start, clock.period, jitter].into_iter().all(f64::is_finite) {
+        return Err(Error::Overflow {
+            what: "regular clock".into(),
+        });
+    }
     Ok(RegularTimes {
         times: steps.iter().map(|n| times[0] + regular(n)).collect(),
         period: clock.period,
-        jitter: (square / times.len() as f64).sqrt(),
+        jitter,
         steps,
     })
+}
+
+fn require_countable(since: &[f64], period: f64) -> Result<()> {
+    if since.last().is_some_and(|last| last / period > MAX_STEPS) {
+        let requirement = "must not be so short against the times that steps cannot be counted";
+        return Err(Error::invalid("period", period, requirement));
+    }
+    Ok(())
 }
 
 fn first_period(since: &[f64]) -> Result<f64> {
     let mut differences: Vec<f64> = since.windows(2).map(|pair| pair[1] - pair[0]).collect();
     differences.sort_by(f64::total_cmp);
     let period = differences[differences.len() / 2];
-    if period <= 0.0 {
+    // The frequency of a subnormal period would be infinite.
+    if period < f64::MIN_POSITIVE {
         let requirement = "must be given: at least half of the times equal the one before";
         return Err(Error::invalid("period", "missing", requirement));
     }
+    require_countable(since, period)?;
     let (mut frequency, mut block, mut reach) = (1.0 / period, FIRST_BLOCK, FIRST_REACH);
     loop {
         let spacing = 1.0 / (8.0 * block);

@@ -211,18 +211,19 @@ impl Cluster {
     /// Writes the marginals of a solution to those of the scan.
     pub(super) fn write(&self, weights: &Weights, solution: &Solution, sharers: &[u32], out: &mut super::Marginals) {
         for (link, &probability) in self.links.iter().zip(&solution.links) {
-            out.candidates[link.place] = probability;
+            // Sums of probabilities are rounded.
+            out.candidates[link.place] = probability.min(1.0);
         }
         for ((&track, own), &probability) in self.tracks.iter().zip(&self.own).zip(&solution.missed) {
             if probability == 0.0 {
                 continue;
             }
             let unit = probability / own.sum;
-            out.missed[track] = unit * weights.ratio(weights.miss(track), own.largest);
+            out.missed[track] = (unit * weights.ratio(weights.miss(track), own.largest)).min(1.0);
             for place in weights.row(track) {
                 let candidate = weights.all()[place];
                 if sharers[candidate.report] == 1 {
-                    out.candidates[place] = unit * weights.ratio(candidate.weight, own.largest);
+                    out.candidates[place] = (unit * weights.ratio(candidate.weight, own.largest)).min(1.0);
                 }
             }
         }

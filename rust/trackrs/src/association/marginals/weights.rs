@@ -22,6 +22,9 @@ pub struct Candidate {
     pub weight: f64,
 }
 
+/// Differences of logarithms beyond this would have lost the digits that decide.
+const LARGEST_LOG: f64 = 1e12;
+
 /// The weights of a scan, track by track.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
@@ -178,7 +181,7 @@ impl Weights {
     fn check(&self, value: f64, track: usize, column: usize) -> Result<()> {
         let usable = match self.domain {
             Domain::Linear => (0.0..f64::INFINITY).contains(&value),
-            Domain::Log => value < f64::INFINITY,
+            Domain::Log => value.abs() <= LARGEST_LOG || value == f64::NEG_INFINITY,
         };
         if usable {
             return Ok(());
@@ -190,6 +193,13 @@ impl Weights {
             });
         }
         let name = format!("weights[{track}, {column}]");
-        Err(Error::invalid(&name, value, "a weight must not be negative"))
+        Err(Error::invalid(
+            &name,
+            value,
+            match self.domain {
+                Domain::Linear => "a weight must not be negative",
+                Domain::Log => "the logarithm of a weight must lie within 1e12 of 0, or be -inf",
+            },
+        ))
     }
 }

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use super::pose::require_attitude;
 use super::{Motion, PositionFix, Sensor};
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use crate::error::{Error, Result, require_finite, require_positive, require_size, require_std};
 use crate::model::rotation::{Rotation, cross_matrix};
 use crate::model::space::block;
 
@@ -108,7 +108,7 @@ impl CameraSensor {
             return Err(Error::invalid("points", "an empty array", "must have at least one"));
         }
         require_finite("points", points.transpose().iter())?;
-        require_positive("pixel_std", pixel_std)?;
+        require_std("pixel_std", pixel_std)?;
         Ok(Self {
             points,
             intrinsics,

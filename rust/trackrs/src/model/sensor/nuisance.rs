@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::RangeArray;
-use crate::error::{Error, Result, require_non_negative, require_positive, require_size};
+use crate::error::{Error, Result, require_non_negative, require_size, require_std};
 use crate::gaussian::Gaussian;
 
 /// What a sensor adds to the state.
@@ -94,7 +94,7 @@ impl RangeArray {
             std
         };
         require_size("bias_std", self.channels(), std.len())?;
-        std.iter().try_for_each(|&value| require_positive("bias_std", value))?;
+        std.iter().try_for_each(|&value| require_std("bias_std", value))?;
         require_non_negative("bias_psd", psd)?;
         self.bias = Some(RangeBias { std, psd });
         Ok(self)
@@ -103,7 +103,7 @@ impl RangeArray {
     /// The array with one relative error of all ranges as an extra state, of standard deviation `std` before any
     /// measurement, and wandering with the density `psd`, 1/s.
     pub fn with_scale(mut self, std: f64, psd: f64) -> Result<Self> {
-        require_positive("scale_std", std)?;
+        require_std("scale_std", std)?;
         if std >= 1.0 {
             return Err(Error::invalid("scale_std", std, "must be less than 1: it is relative"));
         }

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::{Motion, PositionFix, Sensor};
-use crate::error::{Error, Result, require_positive, require_size};
+use crate::error::{Error, Result, require_size, require_std};
 use crate::model::rotation::reported_vector;
 
 /// How an attitude is reported and held.
@@ -42,8 +42,8 @@ impl PoseSensor {
     /// A sensor with these standard deviations (metres, radians); without `position_std` it reports the attitude alone.
     pub fn new(position_std: Option<[f64; 3]>, angle_std: [f64; 3], form: AttitudeForm) -> Result<Self> {
         let position = position_std.as_ref().map_or(&[][..], |std| &std[..]);
-        position.iter().try_for_each(|&s| require_positive("position_std", s))?;
-        angle_std.iter().try_for_each(|&s| require_positive("angle_std", s))?;
+        position.iter().try_for_each(|&s| require_std("position_std", s))?;
+        angle_std.iter().try_for_each(|&s| require_std("angle_std", s))?;
         let first = position.len();
         Ok(Self {
             std: [position, &angle_std].concat(),

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::{Motion, PositionFix, Sensor};
-use crate::error::{Error, Result, require_positive, require_size};
+use crate::error::{Error, Result, require_size, require_std};
 use crate::gaussian::Gaussian;
 
 /// Position in 1, 2, 3 or more dimensions, with one standard deviation per axis (metres).
@@ -22,7 +22,7 @@ impl PositionSensor {
         if std.is_empty() {
             return Err(Error::invalid("dims", 0, "must be at least 1"));
         }
-        std.iter().try_for_each(|&s| require_positive("std", s))?;
+        std.iter().try_for_each(|&s| require_std("std", s))?;
         Ok(Self { std })
     }
 }

@@ -32,7 +32,7 @@ use super::nuisance::{Nuisance, RangeBias, RangeScale};
 use super::position_fix::PositionFix;
 use super::sound_speed::SoundSpeed;
 use super::{Curvature, Motion, Sensor};
-use crate::error::{Error, Result, require_finite, require_non_negative, require_positive, require_size};
+use crate::error::{Error, Result, require_finite, require_non_negative, require_size, require_std};
 use crate::gaussian::Gaussian;
 
 /// What a [`RangeArray`] is made of.
@@ -92,7 +92,7 @@ impl RangeArray {
         }
         require_size("range_std", channels, settings.range_std.len())?;
         for &std in &settings.range_std {
-            require_positive("range_std", std)?;
+            require_std("range_std", std)?;
         }
         if settings.survey_std.len() == 1 {
             settings.survey_std = vec![settings.survey_std[0]; channels];
@@ -104,7 +104,7 @@ impl RangeArray {
             require_non_negative("survey_std", std)?;
         }
         if let Some(std) = settings.depth_std {
-            require_positive("depth_std", std)?;
+            require_std("depth_std", std)?;
             if dims < 3 {
                 let requirement = "needs hydrophones in 3 dimensions";
                 return Err(Error::invalid("depth_std", std, requirement));

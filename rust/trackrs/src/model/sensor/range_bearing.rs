@@ -16,7 +16,7 @@ use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::{Motion, Sensor};
-use crate::error::{Error, Result, require_finite, require_positive, require_size};
+use crate::error::{Error, Result, require_finite, require_size, require_std};
 use crate::gaussian::Gaussian;
 
 /// A radar or sonar in the plane that measures range (metres) and bearing (radians).
@@ -31,8 +31,8 @@ impl RangeBearing {
     /// A sensor at `position` (metres), or at that offset from the platform where a scan carries one.
     pub fn new(position: [f64; 2], range_std: f64, bearing_std: f64) -> Result<Self> {
         require_finite("position", &position)?;
-        require_positive("range_std", range_std)?;
-        require_positive("bearing_std", bearing_std)?;
+        require_std("range_std", range_std)?;
+        require_std("bearing_std", bearing_std)?;
         Ok(Self {
             position,
             range_std,

@@ -215,7 +215,7 @@ fn prediction_and_reduction() {
             merge: number(&plain.value["merge"]),
             max_components: 100,
         };
-        let reduced = reduction.reduce(mixture(&plain.value["posterior"])).unwrap();
+        let reduced = reduction.reduce(mixture(&plain.value["posterior"]));
         let reduced: Vec<Component> = reduced.into_iter().map(|merged| merged.component).collect();
         plain.assert_mixture(&reduced, &plain.value["reduced"], "reduced");
         let copies: usize = reduced.iter().map(Component::copies).sum();

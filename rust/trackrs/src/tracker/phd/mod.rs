@@ -197,7 +197,7 @@ impl PhdTracker {
             self.intake.record(scan, EventCode::TrackSkipped, None, &reason)?;
         }
         self.drop_diverged(scan)?;
-        let merged = self.config.reduction.reduce(std::mem::take(&mut self.mixture))?;
+        let merged = self.config.reduction.reduce(std::mem::take(&mut self.mixture));
         let copies = match &self.cardinality {
             None => merged.iter().map(|m| m.component.copies()).collect(),
             Some(cardinality) => heaviest(&merged, cardinality.mode()),

@@ -1,0 +1,143 @@
+"""Where Python and the core meet: panics, Ctrl-C inside one call, and forks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import trackrs as tr
+from trackrs import _trackrs
+
+# --- panics ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_panic_is_one_exception_that_except_exception_catches():
+    with pytest.raises(tr.InternalError, match="internal error, please report it: on purpose") as caught:
+        _trackrs._panic()
+    assert isinstance(caught.value, Exception)
+    assert isinstance(caught.value, tr.TrackrsError)
+
+
+def test_a_panic_in_a_thread_leaves_the_others_alone():
+    caught = []
+
+    def work():
+        try:
+            _trackrs._panic()
+        except Exception as error:
+            caught.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [type(error) for error in caught] == [tr.InternalError] * 4
+    assert tr.ospa([[0.0]], [[1.0]], c=5.0).total == 1.0
+
+
+# --- Ctrl-C inside one call ------------------------------------------------------------------------------------------
+
+MOTION = tr.ConstantVelocity(dims=2, accel_psd=0.1)
+RADAR = tr.RangeBearing((0.0, 0.0), range_std=1.0, bearing_std=0.01)
+START = tr.GaussianState([30.0, 40.0, 0.0, 0.0], np.eye(4))
+
+
+def a_run(share):
+    count = int(2_000_000 * share)
+    ukf = tr.UnscentedKalmanFilter(MOTION, RADAR)
+    times, values = np.arange(1.0, count + 1), np.tile([50.0, 0.9], (count, 1))
+    return lambda: ukf.run(times, values, initial=START, history="last")
+
+
+def a_smoother(share):
+    count = int(60_000 * share)
+    motion = tr.ConstantAcceleration(dims=3, jerk_psd=0.1)
+    kf = tr.KalmanFilter(motion, tr.PositionSensor(dims=3, std=1.0))
+    times = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, count))
+    run = kf.run(times, np.zeros((count, 3)), initial=tr.GaussianState(np.zeros(9), np.eye(9)))
+    return lambda: run.smooth(20)
+
+
+def a_tracker(share):
+    rng = np.random.default_rng(0)
+    scans = [tr.Scan(float(k), rng.uniform(-1e3, 1e3, (60, 2)), "lidar") for k in range(int(5_000 * share))]
+    sensors = {"lidar": tr.PositionSensor(dims=2, std=5.0)}
+    tracker = tr.MultiTargetTracker(MOTION, sensors, tr.MofN(2, 3, max_speed=50.0))
+    return lambda: tracker.run(scans)
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs interval timers")
+@pytest.mark.parametrize("call", [a_run, a_smoother, a_tracker])
+def test_an_interrupt_ends_the_call_long_before_its_end(call):
+    """The whole would take 20 times what a twentieth took; a half of it is all that is allowed."""
+
+    def interrupt(_number, _frame):
+        raise KeyboardInterrupt
+
+    part = call(0.05)
+    begun = time.perf_counter()
+    part()
+    whole = 20.0 * (time.perf_counter() - begun)
+    work = call(1.0)
+    old = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        begun = time.perf_counter()
+        signal.setitimer(signal.ITIMER_REAL, 0.1 * whole)
+        with pytest.raises(KeyboardInterrupt):
+            work()
+        taken = time.perf_counter() - begun
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, old)
+    assert taken < 0.5 * whole
+
+
+# --- forks -----------------------------------------------------------------------------------------------------------
+
+FORKS = int(os.environ.get("TRACKRS_FORKS", "20"))
+
+FORKING = """
+import os, sys, time
+import numpy as np
+import trackrs as tr
+
+kf = tr.KalmanFilter(tr.ConstantVelocity(dims=2, accel_psd=0.1), tr.PositionSensor(dims=2, std=1.0))
+values = np.random.default_rng(0).normal(size=(600, 50, 2))
+def work():
+    start = tr.GaussianState(np.zeros(4), np.eye(4))
+    return kf.run_batch(np.arange(1.0, 51.0), values, initial=start, threads=4).means.tobytes()
+
+expected = work()
+for k in range(int(sys.argv[1])):
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if work() == expected else 3)
+    deadline = time.monotonic() + 30.0
+    while (ended := os.waitpid(child, os.WNOHANG)) == (0, 0):
+        assert time.monotonic() < deadline, f"fork {k} hangs"
+        time.sleep(0.001)
+    assert ended[1] == 0, f"fork {k} ended with {ended[1]}"
+    assert work() == expected
+print("all")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_children_of_a_process_that_ran_threads_run_them_too():
+    done = subprocess.run(
+        [sys.executable, "-c", FORKING, str(FORKS)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=30 + 30 * FORKS,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "all\n"
