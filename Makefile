@@ -48,6 +48,7 @@ quick: $(VENV)/.dev ## the part of lint that takes seconds
 	$(BIN)/ruff format --check
 
 bench: $(VENV)/.package ## side by side with peers into benchmarks/RESULTS.md; BENCH=folder of the peers' benchmark
+	cargo bench --manifest-path benchmarks/core/Cargo.toml --target-dir $(TARGET)/benches
 	$(BIN)/python benchmarks/run.py '$(BENCH)'
 
 # Every entry of the fuzzing tests gets so many cases: ten million in all.

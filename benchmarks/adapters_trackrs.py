@@ -289,7 +289,7 @@ def _(d):
     return lambda: tr.squared_distances(d["zp"], d["S"], d["Z"], out=out), lambda r: r
 
 
-@peer("W4gated", "trackrs", "trackrs", note="sorted sweep")
+@peer("W4gated", "trackrs", "trackrs", note="grid")
 def _(d):
     gate = tr.Gate(0.99)
     return (

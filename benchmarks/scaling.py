@@ -8,11 +8,14 @@ from __future__ import annotations
 import os
 import statistics
 import time
-from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import trackrs as tr
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
 
 REPEATS = 5
 

@@ -31,7 +31,7 @@ def test_a_panic_in_a_thread_leaves_the_others_alone():
     def work():
         try:
             _trackrs._panic()
-        except Exception as error:
+        except tr.TrackrsError as error:
             caught.append(error)
 
     threads = [threading.Thread(target=work) for _ in range(4)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import pickle
 from pathlib import Path
@@ -169,7 +170,7 @@ def test_scores_of_tracks_lost_and_found_again_equal_those_counted_by_hand(seed)
                 held[j].append(list(found)[i])
     score = tr.evaluate(truth, tracks_of(rows, times), [tr.GOSPA(c=cutoff)])
     for target, by in zip(score.per_target, held, strict=True):
-        changes = sum(a != b for a, b in zip(by, by[1:], strict=False))
+        changes = sum(a != b for a, b in itertools.pairwise(by))
         assert (target.held, target.switches, target.fragments) == (len(by), changes, changes + bool(by))
         assert target.longest == max((by.count(track) for track in by), default=0) / scans
     assert set(score.false_ids) == {row[1] for row in rows} - {track for by in held for track in by}

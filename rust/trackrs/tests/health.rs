@@ -125,7 +125,7 @@ fn a_model_that_is_right_gives_no_alarm() {
         let mut judged = 0;
         for k in 1..=scans {
             truth.advance(0.1, [0.0, 0.0]);
-            let scan = truth.scan(k as f64, if k % 3 == 0 { "a" } else { "b" }, 0.0);
+            let scan = truth.scan(f64::from(k), if k % 3 == 0 { "a" } else { "b" }, 0.0);
             let tracks = tracker.step(&scan).unwrap();
             judged += tracks.len();
             assert!(
@@ -170,7 +170,7 @@ fn noise_ten_thousand_times_too_large_is_found_within_twenty_scans() {
         let mut alarm = None;
         for k in 1..=20 {
             truth.advance(0.1, [0.0, 0.0]);
-            let tracks = tracker.step(&truth.scan(k as f64, "a", 0.0)).unwrap();
+            let tracks = tracker.step(&truth.scan(f64::from(k), "a", 0.0)).unwrap();
             if tracks[0].health == Some(Health::Degraded) {
                 alarm = Some(k);
             }
@@ -192,7 +192,7 @@ fn health_returns_and_is_no_error_in_strict_mode() {
         truth.advance(0.01, [0.0, 0.0]);
         let biased = (40..70).contains(&k) && k % 2 == 1;
         let scan = truth.scan(
-            k as f64,
+            f64::from(k),
             if k % 2 == 0 { "a" } else { "b" },
             if biased { 6.0 } else { 0.0 },
         );

@@ -24,12 +24,13 @@
 
 use nalgebra::DVector;
 
-use super::kalman::{MeasurementPrediction, Update, copy_rows};
+use super::kalman::{MeasurementPrediction, Update};
 use super::look::{Look, Target};
 use super::sigma_points::SigmaPoints;
 use super::square_root::{Form, factor_of};
 use crate::error::{Result, require_size};
 use crate::gaussian::Gaussian;
+use crate::linalg::copy_rows;
 use crate::model::{Sensor, StateSpace};
 
 /// An iteration that moves every component of the state by less than this share of its standard deviation is the last.

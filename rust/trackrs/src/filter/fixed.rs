@@ -30,12 +30,13 @@ use std::ops::Range;
 use nalgebra::DVector;
 
 use super::extended::{Method, Rule};
-use super::kalman::{LN_TAU, copy_rows};
+use super::kalman::LN_TAU;
 use super::run::{Estimates, FilterRun};
 use super::sequence::{Filter, History, Sequence};
 use super::square_root::Form;
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
+use crate::linalg::copy_rows;
 use crate::linalg::fixed::{Factor, Lines, add_scaled, mirror, same_bits, symmetrise, transpose};
 use crate::linalg::sparse::UnitUpper;
 use crate::model::sensor::residual_into;
@@ -257,13 +258,12 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
 
 impl<const N: usize> Way<N> {
     /// Makes it the way of `dt` seconds.
-    #[cold]
     #[inline(never)]
     fn make(&mut self, motion: &MotionModel, dt: f64) {
-        copy_rows(&motion.noise(dt), self.q.as_flattened_mut());
-        copy_rows(&motion.jacobian(&DVector::zeros(N), dt), self.f.as_flattened_mut());
+        motion.noise_into(dt, self.q.as_flattened_mut());
+        motion.transition_into(dt, self.f.as_flattened_mut());
         self.lines.set(&self.f);
-        self.upper = UnitUpper::of(N, self.f.as_flattened());
+        UnitUpper::renew(&mut self.upper, N, self.f.as_flattened());
         self.dt = dt;
     }
 

@@ -30,19 +30,13 @@ use super::prediction::{Course, Prediction};
 use super::square_root::Form;
 use crate::error::{Error, Result, require_size};
 use crate::gaussian::{Gaussian, Gaussians};
+use crate::linalg::copy_rows;
 use crate::linalg::kernel::{self, BadPivot, known, sized};
 use crate::linalg::sparse::Sparse;
 use crate::model::Motion;
 
 /// ln 2π.
 pub const LN_TAU: f64 = 1.837_877_066_409_345_3;
-
-/// A matrix of nalgebra, which keeps columns together, row by row.
-pub(super) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
-    for (row, out) in matrix.row_iter().zip(out.chunks_exact_mut(matrix.ncols().max(1))) {
-        out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
-    }
-}
 
 /// The estimate `dt` seconds later; `input` (length n) is added to the predicted state.
 pub fn predict(prior: &Gaussian, motion: &dyn Motion, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {

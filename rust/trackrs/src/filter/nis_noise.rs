@@ -14,8 +14,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::adaptation::Corrected;
-use super::kalman::copy_rows;
 use crate::error::{Error, Result, require_positive};
+use crate::linalg::copy_rows;
 use crate::model::{Motion, NoiseInput};
 
 /// Motion noise scaled by the innovations.

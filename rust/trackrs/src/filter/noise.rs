@@ -31,10 +31,10 @@ use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::kalman::copy_rows;
 use super::window::{Remembered, Sums, Walk};
 use crate::error::{Error, Result, require_finite};
 use crate::gaussian::{Gaussian, GaussianRef};
+use crate::linalg::copy_rows;
 use crate::linalg::kernel;
 use crate::linalg::symmetric::clip_eigenvalues;
 use crate::model::{Motion, Sensor, StateSpace};

@@ -18,11 +18,11 @@ use nalgebra::{DMatrix, DVector};
 
 use super::chart::Chart;
 use super::extended::Rule;
-use super::kalman::copy_rows;
 use super::sigma_points::{SigmaPoints, Spread};
 use super::square_root::{Form, Reflector, lower_root, square};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
+use crate::linalg::copy_rows;
 use crate::linalg::kernel::{self, known, sized};
 use crate::linalg::sparse::{Sparse, UnitUpper};
 use crate::model::{Motion, StateSpace};
@@ -138,7 +138,7 @@ impl Prediction {
             copy_rows(&course.motion.noise_at(&prior.mean, course.dt), &mut self.noise);
             self.noise_dt = f64::NAN;
         } else if course.dt != self.noise_dt {
-            copy_rows(&course.motion.noise(course.dt), &mut self.noise);
+            course.motion.noise_into(course.dt, &mut self.noise);
             self.noise_dt = course.dt;
         }
         self.set_noise_root()?;
@@ -191,9 +191,9 @@ impl Prediction {
         let mean = self.state.mean.as_mut_slice();
         if course.motion.is_linear() {
             if dt != self.transition_dt {
-                copy_rows(&course.motion.jacobian(&prior.mean, dt), &mut self.transition);
+                course.motion.transition_into(dt, &mut self.transition);
                 self.sparse.set(n, &self.transition);
-                self.upper = UnitUpper::of(n, &self.transition);
+                UnitUpper::renew(&mut self.upper, n, &self.transition);
                 self.transition_dt = dt;
             }
             for (i, x) in mean.iter_mut().enumerate() {

@@ -27,10 +27,10 @@ use std::collections::VecDeque;
 use nalgebra::{DMatrix, DVector};
 
 use super::adaptation::Corrected;
-use super::kalman::copy_rows;
 use super::nis_noise::entered;
 use super::noise::{EigenLimits, ProcessedEpoch};
 use crate::error::{Error, Result, require_finite, require_non_negative};
+use crate::linalg::copy_rows;
 use crate::linalg::symmetric::clip_eigenvalues;
 use crate::model::sensor::residual_into;
 use crate::model::{Motion, Sensor};

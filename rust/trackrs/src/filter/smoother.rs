@@ -36,6 +36,7 @@ use super::run::FilterRun;
 use super::way_back::way_back;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
+use crate::lanes::Level;
 use crate::linalg::stack::Stack;
 use crate::model::StateSpace;
 
@@ -261,7 +262,7 @@ impl Backward {
         if let Some(last) = epochs.last() {
             require_size("smoothed state", last.filtered.dim(), self.now.dim())?;
         }
-        let mut fixed = way_back(self.now.dim());
+        let mut fixed = way_back(self.now.dim(), Level::chosen_arch()?);
         let known = self.run.states.len();
         let mut rest = epochs;
         loop {

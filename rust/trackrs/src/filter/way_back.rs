@@ -16,13 +16,22 @@
 //! step back is that of the means alone, with the same bits. States with an attitude, steps without motion and noise and those whose P⁻
 //! has no factor are left to the general path.
 //!
+//! Both equations are compiled for the registers of the machine too (`lanes::Level`), for states long enough to gain by it; a
+//! wider register changes no bit.
+//!
 //! Reference: see [`super::smoother`].
 
+use pulp::{Arch, Simd, WithSimd};
+
+use super::link::LITTLE;
 use super::smoother::{Epoch, SmoothedRun};
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::linalg::fixed::{
     Factor, add_product_lower, add_scaled, mirror, multiply, multiply_sparse, same_bits, transpose,
 };
+
+/// States so short gain nothing by wider registers.
+const NARROW: usize = 4;
 
 /// The way back of states of one size.
 pub(super) trait WayBack {
@@ -32,21 +41,21 @@ pub(super) trait WayBack {
 }
 
 /// The way back of states of length n, where that is a size that is compiled.
-pub(super) fn way_back(n: usize) -> Option<Box<dyn WayBack>> {
+pub(super) fn way_back(n: usize, arch: Arch) -> Option<Box<dyn WayBack>> {
     match n {
-        2 => Some(Box::new(Fixed::<2>::default())),
-        3 => Some(Box::new(Fixed::<3>::default())),
-        4 => Some(Box::new(Fixed::<4>::default())),
-        6 => Some(Box::new(Fixed::<6>::default())),
-        9 => Some(Box::new(Fixed::<9>::default())),
-        18 => Some(Box::new(Fixed::<18>::default())),
+        2 => Some(Box::new(Fixed::<2>::new(arch))),
+        3 => Some(Box::new(Fixed::<3>::new(arch))),
+        4 => Some(Box::new(Fixed::<4>::new(arch))),
+        6 => Some(Box::new(Fixed::<6>::new(arch))),
+        9 => Some(Box::new(Fixed::<9>::new(arch))),
+        18 => Some(Box::new(Fixed::<18>::new(arch))),
         _ => None,
     }
 }
 
 /// What the last step was, for the next one.
-#[derive(Default)]
 struct Fixed<const N: usize> {
+    arch: Arch,
     link: Option<Link<N>>,
     smoothed: Option<Smoothed<N>>,
 }
@@ -91,6 +100,14 @@ impl<const N: usize> WayBack for Fixed<N> {
 }
 
 impl<const N: usize> Fixed<N> {
+    fn new(arch: Arch) -> Self {
+        Self {
+            arch,
+            link: None,
+            smoothed: None,
+        }
+    }
+
     #[inline(always)]
     fn step(
         &mut self,
@@ -113,13 +130,31 @@ impl<const N: usize> Fixed<N> {
                 && same_bits(&link.q, q)
         });
         if !same {
-            (self.link, self.smoothed) = (Link::new(before, predicted, f, q), None);
+            let parts = Linking {
+                before,
+                predicted,
+                f,
+                q,
+            };
+            let link = if N > NARROW {
+                self.arch.dispatch(parts)
+            } else {
+                parts.link()
+            };
+            (self.link, self.smoothed) = (link, None);
         }
         let link = self.link.as_ref()?;
         if !self.smoothed.as_ref().is_some_and(|known| same_bits(&known.later, p)) {
             self.smoothed = None;
         }
-        let smoothed = self.smoothed.get_or_insert_with(|| link.smooth(p));
+        let arch = self.arch;
+        let smoothed = self.smoothed.get_or_insert_with(|| {
+            if N > NARROW {
+                arch.dispatch(Smoothing { link, later: p })
+            } else {
+                link.smooth(p)
+            }
+        });
         run.lag_one.push(smoothed.lag_one.as_flattened());
         run.states.push(GaussianRef {
             mean: &*x,
@@ -135,6 +170,44 @@ impl<const N: usize> Fixed<N> {
     }
 }
 
+/// What a link is made of.
+struct Linking<'a, const N: usize> {
+    before: &'a [[f64; N]; N],
+    predicted: &'a [[f64; N]; N],
+    f: &'a [[f64; N]; N],
+    q: &'a [[f64; N]; N],
+}
+
+impl<const N: usize> WithSimd for Linking<'_, N> {
+    type Output = Option<Link<N>>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Link<N>> {
+        self.link()
+    }
+}
+
+impl<const N: usize> Linking<'_, N> {
+    #[inline(always)]
+    fn link(self) -> Option<Link<N>> {
+        Link::new(self.before, self.predicted, self.f, self.q)
+    }
+}
+
+struct Smoothing<'a, const N: usize> {
+    link: &'a Link<N>,
+    later: &'a [[f64; N]; N],
+}
+
+impl<const N: usize> WithSimd for Smoothing<'_, N> {
+    type Output = Smoothed<N>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Smoothed<N> {
+        self.link.smooth(self.later)
+    }
+}
+
 impl<const N: usize> Link<N> {
     #[inline(always)]
     fn new(before: &[[f64; N]; N], predicted: &[[f64; N]; N], f: &[[f64; N]; N], q: &[[f64; N]; N]) -> Option<Self> {
@@ -145,8 +218,8 @@ impl<const N: usize> Link<N> {
         }
         let lower = Factor::new(predicted)?;
         for (i, row) in predicted.iter().enumerate() {
-            // Within rounding of zero: as in `link.rs`.
-            if lower.diagonal(i) * lower.diagonal(i) <= N as f64 * f64::EPSILON * row[i] {
+            // By factors, or refused: `link.rs`.
+            if lower.diagonal(i) * lower.diagonal(i) < LITTLE * row[i] {
                 return None;
             }
         }

@@ -8,16 +8,16 @@
 //! | γ        | `threshold` |          | the gate holds d² ≤ γ                               |
 //!
 //! 1. W_i once per track, then d²_ij = |W_i (z_j − ẑ_i)|² (`lanes::distances`).
-//! 2. Inside a gate: the reports stand in the order of the component in which they spread most, measured in gates. Track i looks
-//!    at those with |z_j − ẑ_i| ≤ √(γ S_i) in that component, found by bisection: no other can be inside.
+//! 2. Inside a gate: the reports stand in the cells of a grid over the two components in which they spread most. Track i looks
+//!    at the cells that its box |z_j − ẑ_i| ≤ √(γ S_i) touches there (`grid.rs`): no other report can be inside.
 //!
 //! Reference: Bar-Shalom, Li (1995), Multitarget-Multisensor Tracking, §1.4.2.
 
-use super::sweep::reach;
+use super::grid::Grid;
 use crate::error::{Error, Result, require_finite, require_size};
 use crate::lanes::Level;
-use crate::lanes::distances::{Whitening, squared_lengths};
-use crate::linalg::kernel;
+use crate::lanes::distances::{LANES, Whitening, squared_length, squared_lengths, within};
+use crate::linalg::kernel::{self, BadPivot};
 
 /// What tracks expect of a sensor: means of length m one after the other, and covariances m×m.
 #[derive(Debug, Clone, Copy)]
@@ -41,14 +41,124 @@ pub struct Pairs {
     pub distances: Vec<f64>,
 }
 
-/// A track and its W.
-struct Whitened {
-    tracks: usize,
-    lower: Vec<f64>,
+/// Calls what is compiled for m components, else what serves any number.
+macro_rules! of_size {
+    ($fixed:ident, $any:ident, $expected:expr $(, $argument:expr)*) => {
+        match $expected.dims {
+            1 => $fixed::<1>($expected $(, $argument)*),
+            2 => $fixed::<2>($expected $(, $argument)*),
+            3 => $fixed::<3>($expected $(, $argument)*),
+            4 => $fixed::<4>($expected $(, $argument)*),
+            6 => $fixed::<6>($expected $(, $argument)*),
+            _ => $any($expected $(, $argument)*),
+        }
+    };
+}
+
+/// Writes d² of every track and report, T×M; a report with a NaN has NaN.
+pub fn squared_distances(expected: &Expected<'_>, reports: &[f64], out: &mut [f64]) -> Result<()> {
+    expected.check(reports)?;
+    let tracks = expected.means.len() / expected.dims;
+    require_size("distances", tracks * (reports.len() / expected.dims), out.len())?;
+    of_size!(all, all_of_any, expected, reports, out)
+}
+
+/// The pairs with d² ≤ γ; a report with a NaN is in none.
+pub fn pairs_within(expected: &Expected<'_>, reports: &[f64], threshold: f64) -> Result<Pairs> {
+    expected.check(reports)?;
+    if threshold.is_nan() {
+        return Err(Error::invalid("threshold", threshold, "must be a number"));
+    }
+    of_size!(inside, inside_of_any, expected, reports, threshold)
+}
+
+fn all<const M: usize>(expected: &Expected<'_>, reports: &[f64], out: &mut [f64]) -> Result<()> {
+    let whitenings = whitenings::<M>(expected)?;
+    let reports = reports.as_chunks::<M>().0;
+    let mut blocks = vec![[[f64::NAN; LANES]; M]; reports.len().div_ceil(LANES)];
+    for (block, reports) in blocks.iter_mut().zip(reports.chunks(LANES)) {
+        for (lane, report) in reports.iter().enumerate() {
+            for (row, &value) in block.iter_mut().zip(report) {
+                row[lane] = value;
+            }
+        }
+    }
+    squared_lengths(Level::chosen_arch()?, &whitenings, &blocks, reports.len(), out);
+    Ok(())
+}
+
+fn all_of_any(expected: &Expected<'_>, reports: &[f64], out: &mut [f64]) -> Result<()> {
+    let m = expected.dims;
+    let lower = lowers(expected)?;
+    let tracks = expected.means.chunks_exact(m).zip(lower.chunks_exact(m * m));
+    for ((center, lower), out) in tracks.zip(out.chunks_exact_mut((reports.len() / m).max(1))) {
+        for (report, out) in reports.chunks_exact(m).zip(out) {
+            *out = squared_length(center, lower, |k| report[k]);
+        }
+    }
+    Ok(())
+}
+
+fn inside<const M: usize>(expected: &Expected<'_>, reports: &[f64], threshold: f64) -> Result<Pairs> {
+    let whitenings = whitenings::<M>(expected)?;
+    let grid = Grid::new(expected, reports, threshold, LANES);
+    let columns: [&[f64]; M] = std::array::from_fn(|k| &grid.columns[k][..]);
+    let arch = Level::chosen_arch()?;
+    Ok(gather(expected, &grid, |track, windows, found| {
+        within(
+            arch,
+            &whitenings[track],
+            &columns,
+            &grid.order,
+            windows,
+            threshold,
+            found,
+        )
+    }))
+}
+
+fn inside_of_any(expected: &Expected<'_>, reports: &[f64], threshold: f64) -> Result<Pairs> {
+    let m = expected.dims;
+    let lower = lowers(expected)?;
+    let grid = Grid::new(expected, reports, threshold, LANES);
+    Ok(gather(expected, &grid, |track, windows, found| {
+        let (center, lower) = (&expected.means[track * m..][..m], &lower[track * m * m..][..m * m]);
+        let mut count = 0;
+        for at in windows.iter().flat_map(|&(from, to)| from..to) {
+            let d = squared_length(center, lower, |k| grid.columns[k][at]);
+            if d <= threshold {
+                found[count] = (grid.order[at], d);
+                count += 1;
+            }
+        }
+        count
+    }))
+}
+
+/// The pairs that `look` finds in the windows of each track.
+#[inline(always)]
+fn gather(
+    expected: &Expected<'_>,
+    grid: &Grid,
+    mut look: impl FnMut(usize, &[(usize, usize)], &mut [(usize, f64)]) -> usize,
+) -> Pairs {
+    let mut out = Pairs::default();
+    let mut found = vec![(0, 0.0); grid.order.len()];
+    let mut windows = Vec::new();
+    for (track, patch) in grid.patches(expected).iter().enumerate() {
+        grid.windows(patch, &mut windows);
+        let count = look(track, &windows, &mut found);
+        let inside = &mut found[..count];
+        inside.sort_unstable_by_key(|&(report, _)| report);
+        out.tracks.resize(out.tracks.len() + count, track);
+        out.reports.extend(inside.iter().map(|pair| pair.0));
+        out.distances.extend(inside.iter().map(|pair| pair.1));
+    }
+    out
 }
 
 impl Expected<'_> {
-    fn whitened(&self, reports: &[f64]) -> Result<Whitened> {
+    fn check(&self, reports: &[f64]) -> Result<()> {
         let m = self.dims;
         if m == 0 {
             return Err(Error::invalid("dims", 0, "must be at least 1"));
@@ -57,105 +167,52 @@ impl Expected<'_> {
         require_size("means", tracks * m, self.means.len())?;
         require_size("covs", tracks * m * m, self.covs.len())?;
         require_size("reports", reports.len() / m * m, reports.len())?;
-        require_finite("means", self.means)?;
-        let mut lower = vec![0.0; tracks * m * m];
-        let mut factor = vec![0.0; m * m];
-        for (track, (out, cov)) in lower
-            .chunks_exact_mut(m * m)
-            .zip(self.covs.chunks_exact(m * m))
-            .enumerate()
-        {
-            factor.copy_from_slice(cov);
-            kernel::cholesky(m, &mut factor).map_err(|pivot| Error::NotPositiveDefinite {
-                what: format!("covariance of track {track}"),
-                pivot: pivot.index,
-                value: pivot.value,
-            })?;
-            (0..m).for_each(|i| out[i * m + i] = 1.0);
-            kernel::solve_lower::<0>(m, m, &factor, out);
-        }
-        Ok(Whitened { tracks, lower })
+        require_finite("means", self.means)
     }
 }
 
-/// Reports component by component.
-fn columns(m: usize, reports: &[f64], order: &[usize]) -> Vec<Vec<f64>> {
-    (0..m)
-        .map(|k| order.iter().map(|&j| reports[j * m + k]).collect())
-        .collect()
-}
-
-/// Writes d² of every track and report, T×M; a report with a NaN has NaN.
-pub fn squared_distances(expected: &Expected<'_>, reports: &[f64], out: &mut [f64]) -> Result<()> {
-    let m = expected.dims;
-    let whitened = expected.whitened(reports)?;
-    let count = reports.len() / m;
-    require_size("distances", whitened.tracks * count, out.len())?;
-    let columns = columns(m, reports, &(0..count).collect::<Vec<_>>());
-    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    let arch = Level::chosen_arch()?;
-    let parts = expected.means.chunks_exact(m).zip(whitened.lower.chunks_exact(m * m));
-    for ((center, lower), out) in parts.zip(out.chunks_exact_mut(count.max(1))) {
-        squared_lengths(arch, Whitening { center, lower }, &columns, out);
-    }
-    Ok(())
-}
-
-/// The pairs with d² ≤ γ; a report with a NaN is in none.
-pub fn pairs_within(expected: &Expected<'_>, reports: &[f64], threshold: f64) -> Result<Pairs> {
-    let m = expected.dims;
-    let whitened = expected.whitened(reports)?;
-    if threshold.is_nan() {
-        return Err(Error::invalid("threshold", threshold, "must be a number"));
-    }
-    let count = reports.len() / m;
-    let width = |cov: &[f64], k: usize| (threshold.max(0.0) * cov[k * m + k]).sqrt();
-    let sweep = widest(expected, reports, &width);
-    let mut order: Vec<usize> = (0..count).collect();
-    order.sort_unstable_by(|&a, &b| reports[a * m + sweep].total_cmp(&reports[b * m + sweep]));
-    let sorted = columns(m, reports, &order);
-    let keys = &sorted[sweep];
-    let arch = Level::chosen_arch()?;
-    let mut out = Pairs::default();
-    let mut found: Vec<(usize, f64)> = Vec::new();
-    let mut distances = vec![0.0; count];
-    let mut window: Vec<&[f64]> = Vec::with_capacity(m);
-    let covs = expected.covs.chunks_exact(m * m);
-    let parts = expected.means.chunks_exact(m).zip(whitened.lower.chunks_exact(m * m));
-    for (track, ((center, lower), cov)) in parts.zip(covs).enumerate() {
-        let (low, high) = reach(center[sweep], width(cov, sweep)).into_inner();
-        let from = keys.partition_point(|&key| key < low);
-        let to = from + keys[from..].partition_point(|&key| key <= high);
-        let distances = &mut distances[..to - from];
-        window.clear();
-        window.extend(sorted.iter().map(|column| &column[from..to]));
-        squared_lengths(arch, Whitening { center, lower }, &window, distances);
-        found.clear();
-        let inside = distances.iter().zip(&order[from..]).filter(|(d, _)| **d <= threshold);
-        found.extend(inside.map(|(&d, &report)| (report, d)));
-        found.sort_unstable_by_key(|&(report, _)| report);
-        out.tracks.resize(out.tracks.len() + found.len(), track);
-        out.reports.extend(found.iter().map(|pair| pair.0));
-        out.distances.extend(found.iter().map(|pair| pair.1));
+fn whitenings<const M: usize>(expected: &Expected<'_>) -> Result<Vec<Whitening<M>>> {
+    let means = expected.means.as_chunks::<M>().0;
+    let mut out = Vec::with_capacity(means.len());
+    for (&center, cov) in means.iter().zip(expected.covs.as_chunks::<M>().0.as_chunks::<M>().0) {
+        let (mut factor, mut lower) = (*cov, [[0.0; M]; M]);
+        whiten::<M>(M, factor.as_flattened_mut(), lower.as_flattened_mut())
+            .map_err(|pivot| refusal(out.len(), pivot))?;
+        out.push(Whitening { center, lower });
     }
     Ok(out)
 }
 
-/// The component in which the reports spread most, measured in gates.
-fn widest(expected: &Expected<'_>, reports: &[f64], width: &dyn Fn(&[f64], usize) -> f64) -> usize {
+/// W of every track, T×m×m.
+fn lowers(expected: &Expected<'_>) -> Result<Vec<f64>> {
     let m = expected.dims;
-    let gates = |k: usize| {
-        let values = reports
-            .chunks_exact(m)
-            .map(|report| report[k])
-            .filter(|v| v.is_finite());
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-            (v.min(low), v.max(high))
-        });
-        let widths: f64 = expected.covs.chunks_exact(m * m).map(|cov| width(cov, k)).sum();
-        (high - low) / widths
-    };
-    (0..m).max_by(|&a, &b| gates(a).total_cmp(&gates(b))).unwrap_or(0)
+    let (mut out, mut factor) = (vec![0.0; expected.covs.len()], vec![0.0; m * m]);
+    let tracks = out.chunks_exact_mut(m * m).zip(expected.covs.chunks_exact(m * m));
+    for (track, (lower, cov)) in tracks.enumerate() {
+        factor.copy_from_slice(cov);
+        whiten::<0>(m, &mut factor, lower).map_err(|pivot| refusal(track, pivot))?;
+    }
+    Ok(out)
+}
+
+/// W from zeros; the covariance becomes its factor. M is m where that is a constant, else 0.
+#[inline(always)]
+fn whiten<const M: usize>(m: usize, cov: &mut [f64], lower: &mut [f64]) -> std::result::Result<(), BadPivot> {
+    kernel::cholesky(m, cov)?;
+    for i in 0..m {
+        lower[i * m + i] = 1.0;
+    }
+    kernel::solve_lower::<M>(m, m, cov, lower);
+    Ok(())
+}
+
+#[cold]
+fn refusal(track: usize, pivot: BadPivot) -> Error {
+    Error::NotPositiveDefinite {
+        what: format!("covariance of track {track}"),
+        pivot: pivot.index,
+        value: pivot.value,
+    }
 }
 
 #[cfg(test)]
@@ -185,7 +242,7 @@ mod tests {
 
     #[test]
     fn distances_are_those_of_the_definition_and_gates_hold_what_is_near() {
-        for m in 1..=5 {
+        for m in 1..=7 {
             let Scene {
                 means,
                 covs,
@@ -222,6 +279,42 @@ mod tests {
                 assert_eq!(found, near);
                 assert!(found.iter().zip(&pairs.distances).all(|(&i, d)| all[i] == *d));
             }
+        }
+    }
+
+    #[test]
+    fn heaps_far_from_one_another_and_strays_lose_no_pair() {
+        for m in [1, 2, 3, 5] {
+            let Scene {
+                mut means,
+                covs,
+                mut reports,
+            } = scene(m, 60, 600, 20.0);
+            let move_some = |values: &mut [f64]| {
+                for (i, value) in values.chunks_exact_mut(m).enumerate() {
+                    let far = [0.0, 3e6, -7e9][i % 3];
+                    for value in value {
+                        *value += far;
+                    }
+                }
+            };
+            move_some(&mut means);
+            move_some(&mut reports);
+            reports[5 * m..6 * m].fill(1e300);
+            reports[11 * m..12 * m].fill(f64::NEG_INFINITY);
+            reports[17 * m] = f64::NAN;
+            let expected = Expected {
+                dims: m,
+                means: &means,
+                covs: &covs,
+            };
+            let mut all = vec![0.0; 60 * 600];
+            squared_distances(&expected, &reports, &mut all).unwrap();
+            let pairs = pairs_within(&expected, &reports, 9.0).unwrap();
+            let near: Vec<usize> = (0..all.len()).filter(|&i| all[i] <= 9.0).collect();
+            let found = pairs.tracks.iter().zip(&pairs.reports);
+            assert_eq!(found.map(|(t, r)| t * 600 + r).collect::<Vec<_>>(), near);
+            assert!(!near.is_empty());
         }
     }
 

@@ -7,3 +7,12 @@ pub mod saved;
 pub(crate) mod sparse;
 pub mod stack;
 pub mod symmetric;
+
+use nalgebra::DMatrix;
+
+/// Writes a matrix row by row.
+pub(crate) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
+    for (row, out) in matrix.row_iter().zip(out.chunks_exact_mut(matrix.ncols().max(1))) {
+        out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
+    }
+}

@@ -107,19 +107,28 @@ pub(crate) struct UnitUpper {
 }
 
 impl UnitUpper {
-    /// Takes over an n×n matrix, if it is such a one.
-    pub(crate) fn of(n: usize, matrix: &[f64]) -> Option<Self> {
-        let mut above = Vec::new();
+    /// Of an n×n matrix, if it is such a one, in the memory of another.
+    pub(crate) fn renew(kept: &mut Option<Self>, n: usize, matrix: &[f64]) {
+        let mut upper = kept.take().unwrap_or_default();
+        upper.above.clear();
         for (i, row) in matrix.chunks_exact(n.max(1)).enumerate() {
             for (k, &value) in row.iter().enumerate() {
                 if k > i && value != 0.0 {
-                    above.push((i, k, value));
+                    upper.above.push((i, k, value));
                 } else if k <= i && value != f64::from(u8::from(k == i)) {
-                    return None;
+                    return;
                 }
             }
         }
-        Some(Self { above })
+        *kept = Some(upper);
+    }
+
+    /// The same in new memory.
+    #[cfg(test)]
+    pub(crate) fn of(n: usize, matrix: &[f64]) -> Option<Self> {
+        let mut upper = None;
+        Self::renew(&mut upper, n, matrix);
+        upper
     }
 
     /// Puts A times a vector at the end of `out`.

@@ -34,7 +34,8 @@ use crate::model::Sensor;
 use crate::track::Health;
 
 /// Updates, and scans of a sensor, that are looked at.
-const WINDOW: usize = 10;
+const WINDOW: usize = SCANS as usize;
+const SCANS: u8 = 10;
 /// Bound on the probability of each alarm, if the model is right.
 const ALPHA: f64 = 1e-8;
 /// No sensor misses less often than that.
@@ -74,10 +75,7 @@ impl Monitor {
         self.nis[at] = nis;
         self.dof[at] = u8::try_from(dof).unwrap_or(u8::MAX);
         self.next = u8::try_from(at + 1).unwrap_or(0);
-        self.updates = self
-            .updates
-            .saturating_add(1)
-            .min(u8::try_from(WINDOW).unwrap_or(u8::MAX));
+        self.updates = self.updates.saturating_add(1).min(SCANS);
         self.new = self.new.saturating_add(1);
     }
 
@@ -140,12 +138,7 @@ pub(super) struct Limits {
 
 impl Limits {
     fn new(config: &TrackerConfig) -> Result<Self> {
-        let most = config
-            .sensors
-            .values()
-            .map(|sensor| sensor.measurement_dim())
-            .max()
-            .unwrap_or(0);
+        let most = config.sensors.values().map(Sensor::measurement_dim).max().unwrap_or(0);
         let p = config.gate.probability();
         let edges = config.gate.thresholds(most)?;
         let trials = |theta: &dyn Fn(i32) -> f64| -> Vec<Trial> {
@@ -258,7 +251,7 @@ fn most_missed(q: f64) -> u32 {
     let q = q.max(LEAST_MISSED);
     let mut tail = 0.0;
     let mut choose = 1.0;
-    let window = WINDOW as u32;
+    let window = u32::from(SCANS);
     for k in (0..=window).rev() {
         tail += choose * libm::pow(q, f64::from(k)) * libm::pow(1.0 - q, f64::from(window - k));
         if tail > ALPHA {
@@ -272,7 +265,7 @@ fn most_missed(q: f64) -> u32 {
 impl LiveTrack {
     /// Whether every sensor that ever hit it misses it.
     fn is_missed(&self, most_missed: &[u32]) -> bool {
-        let window = WINDOW as u32;
+        let window = u32::from(SCANS);
         let mut any = false;
         for (seen, most) in self.windows.iter().zip(most_missed).filter(|(seen, _)| seen.seen()) {
             match seen.misses_of(window) {
@@ -343,17 +336,17 @@ mod tests {
             (0..1_u32 << WINDOW)
                 .filter(|outcome| outcome.count_ones() >= least)
                 .map(|outcome| {
-                    let k = outcome.count_ones() as i32;
-                    q.powi(k) * (1.0 - q).powi(WINDOW as i32 - k)
+                    let k = i32::try_from(outcome.count_ones()).unwrap();
+                    q.powi(k) * (1.0 - q).powi(i32::from(SCANS) - k)
                 })
                 .sum()
         };
         for q in [0.01, 0.05, 0.109, 0.3, 0.9] {
             let k = most_missed(q);
-            assert!(k > WINDOW as u32 || tail(q, k) <= ALPHA, "{q}: {k}");
+            assert!(k > u32::from(SCANS) || tail(q, k) <= ALPHA, "{q}: {k}");
             assert!(tail(q, k - 1) > ALPHA, "{q}: {k}");
         }
         assert_eq!(most_missed(0.0), most_missed(LEAST_MISSED));
-        assert_eq!(most_missed(1.0), WINDOW as u32 + 1);
+        assert_eq!(most_missed(1.0), u32::from(SCANS) + 1);
     }
 }

@@ -72,10 +72,22 @@ macro_rules! kinematic {
                 propagate($order, self.position_dims(), state, dt)
             }
             fn jacobian(&self, _state: &DVector<f64>, dt: f64) -> DMatrix<f64> {
-                transition($order, self.position_dims(), dt)
+                let mut f = DMatrix::zeros(self.state_dim(), self.state_dim());
+                each_of_transition($order, self.position_dims(), dt, |i, j, value| f[(i, j)] = value);
+                f
             }
             fn noise(&self, dt: f64) -> DMatrix<f64> {
                 noise($order, &self.noise, dt)
+            }
+            fn transition_into(&self, dt: f64, out: &mut [f64]) {
+                let n = self.state_dim();
+                out.fill(0.0);
+                each_of_transition($order, self.position_dims(), dt, |i, j, value| out[i * n + j] = value);
+            }
+            fn noise_into(&self, dt: f64, out: &mut [f64]) {
+                let n = self.state_dim();
+                out.fill(0.0);
+                each_of_noise($order, &self.noise, dt, |i, j, value| out[i * n + j] = value);
             }
             fn is_linear(&self) -> bool {
                 true
@@ -137,40 +149,49 @@ fn propagate(order: usize, dims: usize, state: &DVector<f64>, dt: f64) -> DVecto
     out
 }
 
-fn transition(order: usize, dims: usize, dt: f64) -> DMatrix<f64> {
-    let n = order * dims;
-    let mut f = DMatrix::identity(n, n);
-    for axis in 0..dims {
-        for i in 0..order {
-            for j in i + 1..order {
-                f[(i * dims + axis, j * dims + axis)] = power_over_factorial(dt, j - i);
+/// Row, column and value of the numbers of F.
+#[inline(always)]
+fn each_of_transition(order: usize, dims: usize, dt: f64, mut put: impl FnMut(usize, usize, f64)) {
+    for i in 0..order {
+        for j in i..order {
+            let value = power_over_factorial(dt, j - i);
+            for axis in 0..dims {
+                put(i * dims + axis, j * dims + axis, value);
             }
         }
     }
-    f
 }
 
 fn noise(order: usize, noise: &KinematicNoise, dt: f64) -> DMatrix<f64> {
+    let n = order * noise.values().len();
+    let mut q = DMatrix::zeros(n, n);
+    each_of_noise(order, noise, dt, |i, j, value| q[(i, j)] = value);
+    q
+}
+
+/// Row, column and value of the numbers of Q.
+#[inline(always)]
+fn each_of_noise(order: usize, noise: &KinematicNoise, dt: f64, mut put: impl FnMut(usize, usize, f64)) {
     let dims = noise.values().len();
-    let mut q = DMatrix::zeros(order * dims, order * dims);
-    for (axis, &value) in noise.values().iter().enumerate() {
-        for i in 0..order {
-            for j in 0..order {
-                q[(i * dims + axis, j * dims + axis)] = match noise {
-                    KinematicNoise::Psd(_) => {
-                        let (a, b) = (order - 1 - i, order - 1 - j);
-                        let power = power_over_factorial(dt, a) * power_over_factorial(dt, b) * dt;
-                        value * power / ((a + b + 1) as f64)
+    for i in 0..order {
+        for j in 0..order {
+            let (a, b) = (order - 1 - i, order - 1 - j);
+            match noise {
+                KinematicNoise::Psd(psd) => {
+                    let power = power_over_factorial(dt, a) * power_over_factorial(dt, b) * dt;
+                    for (axis, &value) in psd.iter().enumerate() {
+                        put(i * dims + axis, j * dims + axis, value * power / ((a + b + 1) as f64));
                     }
-                    KinematicNoise::Std(_) => {
-                        let gamma = |k| power_over_factorial(dt, order - k);
-                        value * value * gamma(i) * gamma(j)
+                }
+                KinematicNoise::Std(std) => {
+                    let (left, right) = (power_over_factorial(dt, a + 1), power_over_factorial(dt, b + 1));
+                    for (axis, &value) in std.iter().enumerate() {
+                        put(i * dims + axis, j * dims + axis, value * value * left * right);
                     }
-                };
+                }
             }
         }
     }
-    q
 }
 
 /// Γ and diag(σ²) of noise that is constant over a step. White noise enters as r independent noises of the density q
@@ -201,6 +222,7 @@ fn unit_factor(order: usize, dt: f64) -> Option<DMatrix<f64>> {
 }
 
 /// dtᵏ / k! for k ≤ 3.
+#[inline]
 fn power_over_factorial(dt: f64, k: usize) -> f64 {
     match k {
         0 => 1.0,
@@ -246,6 +268,32 @@ mod tests {
         assert_eq!(model.jacobian(&DVector::zeros(6), 0.0), DMatrix::identity(6, 6));
         assert_eq!(model.noise(0.0), DMatrix::zeros(6, 6));
         assert_eq!(model.labels(), ["x", "y", "z", "vx", "vy", "vz"]);
+    }
+
+    #[test]
+    fn written_row_by_row_they_are_the_same() {
+        for noise in [
+            KinematicNoise::Psd(vec![0.7, 2.0, 3.1]),
+            KinematicNoise::Std(vec![0.7, 2.0, 3.1]),
+        ] {
+            let models: [&dyn Motion; 3] = [
+                &RandomWalk::new(noise.clone()).unwrap(),
+                &ConstantVelocity::new(noise.clone()).unwrap(),
+                &ConstantAcceleration::new(noise.clone()).unwrap(),
+            ];
+            for model in models {
+                let n = model.state_dim();
+                let mut out = vec![f64::NAN; n * n];
+                model.noise_into(0.3, &mut out);
+                assert_eq!(DMatrix::from_row_slice(n, n, &out), model.noise(0.3));
+                out.fill(f64::NAN);
+                model.transition_into(0.3, &mut out);
+                assert_eq!(
+                    DMatrix::from_row_slice(n, n, &out),
+                    model.jacobian(&DVector::zeros(n), 0.3)
+                );
+            }
+        }
     }
 
     #[test]

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::space::StateSpace;
 use crate::error::{Result, require_size};
+use crate::linalg::copy_rows;
 
 pub use augmented::Augmented;
 pub use kinematic::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
@@ -57,10 +58,16 @@ pub trait Motion: Debug + Send + Sync {
         require_size("motion Jacobian rows", moved.len(), slope.nrows())?;
         require_size("motion Jacobian columns", moved.len(), slope.ncols())?;
         moved.copy_from_slice(f.as_slice());
-        for (row, out) in slope.row_iter().zip(jacobian.chunks_exact_mut(moved.len().max(1))) {
-            out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
-        }
+        copy_rows(&slope, jacobian);
         Ok(())
+    }
+    /// Writes F of a linear motion, n×n row by row, where it is wanted.
+    fn transition_into(&self, dt: f64, out: &mut [f64]) {
+        copy_rows(&self.jacobian(&DVector::zeros(self.state_dim()), dt), out);
+    }
+    /// Writes Q the same way.
+    fn noise_into(&self, dt: f64, out: &mut [f64]) {
+        copy_rows(&self.noise(dt), out);
     }
     /// Whether f(x) = F(dt) x with an F that does not depend on x, so that the plain Kalman filter applies.
     fn is_linear(&self) -> bool;
@@ -163,6 +170,12 @@ impl Motion for MotionModel {
     }
     fn linearise_into(&self, state: &DVector<f64>, dt: f64, moved: &mut [f64], jacobian: &mut [f64]) -> Result<()> {
         self.as_motion().linearise_into(state, dt, moved, jacobian)
+    }
+    fn transition_into(&self, dt: f64, out: &mut [f64]) {
+        self.as_motion().transition_into(dt, out);
+    }
+    fn noise_into(&self, dt: f64, out: &mut [f64]) {
+        self.as_motion().noise_into(dt, out);
     }
     fn is_linear(&self) -> bool {
         self.as_motion().is_linear()

@@ -60,17 +60,24 @@ impl Singer {
 
     /// A 3×3 matrix per axis, laid out in block order.
     fn spread(&self, axis: impl Fn(usize) -> Matrix3<f64>) -> DMatrix<f64> {
-        let dims = self.accel_std.len();
-        let mut out = DMatrix::zeros(3 * dims, 3 * dims);
+        let n = self.state_dim();
+        let mut out = vec![0.0; n * n];
+        self.spread_into(axis, &mut out);
+        DMatrix::from_row_slice(n, n, &out)
+    }
+
+    /// The same row by row.
+    fn spread_into(&self, axis: impl Fn(usize) -> Matrix3<f64>, out: &mut [f64]) {
+        let dims = self.position_dims();
+        out.fill(0.0);
         for k in 0..dims {
             let part = axis(k);
             for i in 0..3 {
                 for j in 0..3 {
-                    out[(i * dims + k, j * dims + k)] = part[(i, j)];
+                    out[(i * dims + k) * 3 * dims + j * dims + k] = part[(i, j)];
                 }
             }
         }
-        out
     }
 
     fn axis_noise(&self, k: usize, dt: f64) -> Matrix3<f64> {
@@ -111,6 +118,12 @@ impl Motion for Singer {
     }
     fn noise(&self, dt: f64) -> DMatrix<f64> {
         self.spread(|k| self.axis_noise(k, dt))
+    }
+    fn transition_into(&self, dt: f64, out: &mut [f64]) {
+        self.spread_into(|k| transition(self.time_constant[k], dt), out);
+    }
+    fn noise_into(&self, dt: f64, out: &mut [f64]) {
+        self.spread_into(|k| self.axis_noise(k, dt), out);
     }
     fn is_linear(&self) -> bool {
         true
@@ -184,6 +197,19 @@ mod tests {
 
     fn singer(std: f64, tau: f64, psd: f64) -> Singer {
         Singer::new(vec![std], vec![tau], vec![psd]).unwrap()
+    }
+
+    #[test]
+    fn written_row_by_row_they_are_the_same() {
+        let model = Singer::new(vec![1.0, 2.0], vec![5.0, 9.0], vec![0.0, 0.3]).unwrap();
+        let mut out = [f64::NAN; 36];
+        model.noise_into(0.7, &mut out);
+        assert_eq!(DMatrix::from_row_slice(6, 6, &out), model.noise(0.7));
+        model.transition_into(0.7, &mut out);
+        assert_eq!(
+            DMatrix::from_row_slice(6, 6, &out),
+            model.jacobian(&DVector::zeros(6), 0.7)
+        );
     }
 
     #[test]
