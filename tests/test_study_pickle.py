@@ -228,6 +228,7 @@ CHANGES = {
     "confirm_after": 1,
     "end_after": 4,
     "strict": True,
+    "late": tr.Replay(5.0),
     "partition": tr.DistancePartition(),
     "clutter_filter": tr.LocalOutlierFactor(),
     "superposition": False,

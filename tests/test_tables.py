@@ -383,7 +383,7 @@ def test_written_whole_or_not_at_all(tmp_path):
     assert file.read_text() == "before"
     assert [path.name for path in tmp_path.iterdir()] == ["tracks.csv"]
     write_tracks(tracks, file)
-    assert file.read_text().startswith("time,sensor,track,x,y,vx,vy,last_hit,hits,cov_x_x")
+    assert file.read_text().startswith("time,sensor,track,x,y,vx,vy,last_hit,hits,health,cov_x_x")
     assert [path.name for path in tmp_path.iterdir()] == ["tracks.csv"]
 
 

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     )
     from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate, GatedPairs, squared_distances
+    from trackrs.late import DropLate, Reorder, Replay
     from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
     from trackrs.metric import (
         GOSPA,
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
         FilterRun,
         Fix,
         GaussianState,
+        Health,
         Ledger,
         Scan,
         SmoothedRun,
@@ -141,6 +143,7 @@ __all__ = [
     "DetectionRate",
     "DimensionError",
     "DistancePartition",
+    "DropLate",
     "Evaluation",
     "Event",
     "Existence",
@@ -154,6 +157,7 @@ __all__ = [
     "GaussianState",
     "GlobalNearestNeighbour",
     "GospaDistance",
+    "Health",
     "IntensityTracker",
     "InternalError",
     "JerkChoice",
@@ -185,6 +189,8 @@ __all__ = [
     "RangeArray",
     "RangeBearing",
     "RegularTimes",
+    "Reorder",
+    "Replay",
     "ResidualNoise",
     "Scan",
     "Singer",
@@ -245,6 +251,7 @@ _HOMES = (
     "filter",
     "fusion",
     "gating",
+    "late",
     "lead",
     "metric",
     "motion",

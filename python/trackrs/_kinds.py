@@ -16,6 +16,7 @@ from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise
 from trackrs.association import JIPDA, JPDA, NPDA, PDA, GlobalNearestNeighbour, NearestNeighbour
 from trackrs.errors import DimensionError
 from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
+from trackrs.late import DropLate, Reorder, Replay
 from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
 from trackrs.partition import (
     DbscanPartition,
@@ -70,6 +71,7 @@ ADAPTATIONS: dict[str, Callable[..., Any]] = {
     snake_case(kind.__name__): kind for kind in (LimitedMemoryNoise, ResidualNoise, NisScaledNoise)
 }
 INITIATORS: dict[str, Callable[..., Any]] = {snake_case(kind.__name__): kind for kind in (MofN, Existence)}
+LATE: dict[str, Callable[..., Any]] = {snake_case(kind.__name__): kind for kind in (DropLate, Reorder, Replay)}
 BIRTHS: dict[str, Callable[..., Any]] = {"given": given_birth, "adaptive": AdaptiveBirth}
 PARTITIONS: dict[str, Callable[..., Any]] = {
     name.removesuffix("_partition").replace("kmeans", "k_means"): kind
@@ -164,6 +166,7 @@ _CHOICES = {
     "associator": ASSOCIATORS,
     "birth": BIRTHS,
     "initiator": INITIATORS,
+    "late": LATE,
     "partition": PARTITIONS,
 }
 _LITERAL = re.compile(r"Literal\[([^\]]*)\]")

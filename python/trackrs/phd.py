@@ -16,6 +16,7 @@ from trackrs import _trackrs
 from trackrs._arrays import FloatArray, array, frozen
 from trackrs.errors import DimensionError, ParameterError
 from trackrs.gating import Gate
+from trackrs.late import DropLate, Late, items
 from trackrs.partition import (
     DbscanPartition,
     DensityPeakPartition,
@@ -186,6 +187,7 @@ class _IntensityFilter:
     confirm_after: int = field(default=2, kw_only=True)
     end_after: int = field(default=3, kw_only=True)
     strict: bool = field(default=False, kw_only=True)
+    late: Late = field(default=DropLate(), kw_only=True)
 
     def __post_init__(self) -> None:
         """Check everything now rather than at the first scan."""
@@ -207,12 +209,13 @@ class _IntensityFilter:
         return IntensityTracker(self, initial, weights)
 
     def run(self, scans: Iterable[Scan]) -> Tracks:
-        """Return the confirmed tracks after each of these scans, which are in the order of their times.
+        """Return the confirmed tracks after each of these scans, in the order of time.
 
-        Every run begins anew. A track is reported in the scans in which its target is extracted.
+        The scans are in that order, unless `late` says otherwise. Every run begins anew. A track is reported in the
+        scans in which its target is extracted.
 
         Raises:
-            TimeError: the times decrease.
+            TimeError: the times decrease, and late scans are dropped.
             UnknownSensorError: a scan names a sensor that is not there; a single sensor takes every scan.
         """
         return self.start().run(scans)
@@ -241,6 +244,7 @@ class _IntensityFilter:
             "confirm_after": self.confirm_after,
             "end_after": self.end_after,
             "strict": self.strict,
+            "late": items(self.late),
         }
 
     def _sensors(self) -> Mapping[str, Sensor]:
@@ -289,6 +293,7 @@ class ExtendedGMPHD(_IntensityFilter):
         confirm_after: extractions that confirm a track. 1 reports every target at once.
         end_after: scans in a row without extraction that end a track.
         strict: the first event (a refused or late report) raises `StrictError`.
+        late: what becomes of scans that come late: `DropLate()`, `Reorder(window)` or `Replay(window)`.
 
     Raises:
         ParameterError: a parameter is outside its domain, or missing for a sensor.
@@ -370,6 +375,7 @@ class GMPHD(_IntensityFilter):
         confirm_after: extractions that confirm a track. 1 reports every target at once.
         end_after: scans in a row without extraction that end a track.
         strict: the first event (a refused or late report) raises `StrictError`.
+        late: what becomes of scans that come late: `DropLate()`, `Reorder(window)` or `Replay(window)`.
 
     Raises:
         ParameterError: a parameter is outside its domain, or missing for a sensor.
@@ -425,6 +431,7 @@ class CPHD(_IntensityFilter):
         confirm_after: extractions that confirm a track. 1 reports every target at once.
         end_after: scans in a row without extraction that end a track.
         strict: the first event (a refused or late report) raises `StrictError`.
+        late: what becomes of scans that come late: `DropLate()`, `Reorder(window)` or `Replay(window)`.
 
     Raises:
         ParameterError: a parameter is outside its domain, or missing for a sensor.
@@ -471,25 +478,8 @@ class IntensityTracker(Recorder):
         self._core = _trackrs.IntensityTracker(*models, phd._settings(), known, *times)
         self._labels = tuple(self._core.labels())
 
-    def step(self, scan: Scan) -> Tracks:
-        """Take in one scan and return the confirmed tracks at its time.
-
-        A scan that cannot be used leaves everything as it was and is recorded in `events`.
-        """
-        return self._tracks(self._core.step(scan), [scan])
-
-    def run(self, scans: Iterable[Scan]) -> Tracks:
-        """Take in all scans, in the order of their times, and return the confirmed tracks after each.
-
-        Raises:
-            TimeError: the times decrease, or begin before the tracker's time.
-            UnknownSensorError: a scan names a sensor that the tracker does not have.
-        """
-        scans = list(scans)
-        return self._tracks(self._core.run(scans), scans)
-
-    def _tracks(self, found: dict[str, Any], scans: list[Scan]) -> Tracks:
-        return tracks(found["tracks"], scans, self._labels, expected_targets=found["expected_targets"])
+    def _tracks(self, found: dict[str, Any]) -> Tracks:
+        return tracks(found["tracks"], self._labels, expected_targets=found["expected_targets"])
 
     @property
     def mixture(self) -> Mixture:

@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array
 from trackrs.association import GlobalNearestNeighbour
 from trackrs.gating import Gate
-from trackrs.types import Event, Ledger, Scan, Tracks, freeze_columns
+from trackrs.late import DropLate, items
+from trackrs.types import Event, Ledger, Tracks, freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from typing import Self
 
+    from trackrs._arrays import FloatArray
     from trackrs.association import Associator
+    from trackrs.late import Late
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
-    from trackrs.types import GaussianState
+    from trackrs.types import GaussianState, Scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +122,33 @@ class Recorder:
     _labels: tuple[str, ...]
     _kind: ClassVar[Any]
 
+    def step(self, scan: Scan) -> Tracks:
+        """Take in one scan and return the confirmed tracks at its time.
+
+        With `late=Reorder(...)` they are those after each of the scans that have had their turn with it, with
+        `late=Replay(...)` those at the newest time. A scan that cannot be used leaves the tracks as they were and is
+        recorded in `events`.
+        """
+        return self._tracks(self._core.step(scan))
+
     def run(self, scans: Iterable[Scan]) -> Tracks:
-        """Take in all scans, in the order of their times, and return the confirmed tracks after each."""
+        """Take in all scans and return the confirmed tracks after each, in the order of time.
+
+        With `late=DropLate()` the scans must be in that order. Otherwise they may come as they like; what is late by
+        more than the window is dropped, and nothing waits afterwards.
+
+        Raises:
+            TimeError: the times decrease, or begin before the tracker's time, and late scans are dropped.
+            UnknownSensorError: a scan names a sensor that the tracker does not have.
+        """
+        return self._tracks(self._core.run(list(scans)))
+
+    def flush(self) -> Tracks:
+        """Take in the scans that wait for earlier ones (`late=Reorder(...)`) and return the tracks after each."""
+        return self._tracks(self._core.flush())
+
+    def _tracks(self, found: dict[str, Any]) -> Tracks:
+        """The record of what the core gave."""
         raise NotImplementedError
 
     @property
@@ -173,6 +200,12 @@ class MultiTargetTracker(Recorder):
 
     The tracker has a memory: `step` and `run` go on from where it stands.
 
+    Clocks may jump. A scan more than `max_gap` (600 s where that is None) ahead of all before is taken in, but taken
+    back, with the event `future_scan` and its rows booked as rejected, if the next one would be late by it and goes on
+    from the time before. After 5 scans in a row more than that behind, each within it of the one before, the sensor of
+    the newest scan among them, the clock was set back: all tracks end with the event `clock_set_back`, and the last of
+    the five is the first of the new time. 50 in a row do that without that sensor.
+
     Args:
         motion: how targets move.
         sensors: the sensors by name; they may have different models and rates.
@@ -191,6 +224,7 @@ class MultiTargetTracker(Recorder):
         max_gap: end all tracks when no scan came for so many seconds.
         max_tracks: no more than so many tracks, tentative ones and reports that wait for a second one included.
         strict: the first event (a refused or late report) raises `StrictError`.
+        late: what becomes of scans that come late: `DropLate()`, `Reorder(window)` or `Replay(window)`.
         initial: states of tracks that are there from the beginning.
 
     Raises:
@@ -230,6 +264,7 @@ class MultiTargetTracker(Recorder):
         max_gap: float | None = None,
         max_tracks: int = 10_000,
         strict: bool = False,
+        late: Late = DropLate(),  # noqa: B008 (frozen)
         initial: Sequence[GaussianState] = (),
     ) -> None:
         """Build the tracker."""
@@ -246,39 +281,22 @@ class MultiTargetTracker(Recorder):
             "max_gap": max_gap,
             "max_tracks": max_tracks,
             "strict": strict,
+            "late": items(late),
         }
         cores = {name: sensor._core for name, sensor in sensors.items()}
         starts = [(state.time, state.mean, state.cov) for state in initial]
         self._core = _trackrs.Tracker(motion._core, cores, settings, starts)
         self._labels = tuple(self._core.labels())
 
-    def step(self, scan: Scan) -> Tracks:
-        """Take in one scan and return the confirmed tracks at its time.
-
-        A scan that cannot be used leaves the tracks as they were and is recorded in `events`.
-        """
-        return tracks(self._core.step(scan), [scan], self._labels)
-
-    def run(self, scans: Iterable[Scan]) -> Tracks:
-        """Take in all scans, in the order of their times, and return the confirmed tracks after each.
-
-        Raises:
-            TimeError: the times decrease, or begin before the tracker's time.
-            UnknownSensorError: a scan names a sensor that the tracker does not have.
-        """
-        scans = list(scans)
-        return tracks(self._core.run(scans), scans, self._labels)
+    def _tracks(self, found: dict[str, Any]) -> Tracks:
+        return tracks(found, self._labels)
 
 
-def tracks(columns: dict[str, Any], scans: list[Scan], labels: tuple[str, ...], **more: FloatArray) -> Tracks:
-    """Return the record of what the core gave for these scans."""
+def tracks(columns: dict[str, Any], labels: tuple[str, ...], **more: FloatArray) -> Tracks:
+    """Return the record of what the core gave."""
     columns["offsets"] = np.array(columns["offsets"], dtype=np.int64)
-    return Tracks(
-        scan_times=array([scan.time for scan in scans], "times", 1),
-        sensors=tuple(scan.sensor for scan in scans),
-        labels=labels,
-        **freeze_columns(columns | more),
-    )
+    columns["sensors"] = tuple(columns["sensors"])
+    return Tracks(labels=labels, **freeze_columns(columns | more))
 
 
 def by_sensor(value: float | Mapping[str, float], sensors: Iterable[str]) -> dict[str, float]:

@@ -451,6 +451,25 @@ class SmoothedRun(_Estimates):
         return GaussianState(self.means[index], self.covs[index], self.times[index])
 
 
+class Health(IntEnum):
+    """Whether a track is what its covariance says.
+
+    The NIS of its last 10 updates is compared with bounds that a healthy track passes with a probability below 1e-8 per
+    scan, the gate considered.
+
+    Attributes:
+        HEALTHY: nothing speaks against it.
+        DEGRADED: its NIS is too large (a manoeuvre beyond the motion's noise, a bias, noise too small), or too small
+            (noise too large).
+        LOST: its NIS has been too large for more than 10 further updates; or more of the last 10 scans of every sensor
+            that ever hit it gave no report than detection probability and gate allow.
+    """
+
+    HEALTHY = 0
+    DEGRADED = 1
+    LOST = 2
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
     """A confirmed track at one time.
@@ -462,6 +481,7 @@ class Track:
         hits: reports given to it so far.
         existence: probability that there is a target, where the tracker keeps it (`JIPDA`), else None.
         extent: covariance of the target's points about its centre (d, d), where the tracker learns it, else None.
+        health: whether it is what its covariance says, where the tracker tests that, else None.
     """
 
     id: int
@@ -470,6 +490,7 @@ class Track:
     hits: int
     existence: float | None = None
     extent: FloatArray | None = None
+    health: Health | None = None
 
     @property
     def coasting(self) -> bool:
@@ -494,6 +515,7 @@ class Tracks:
             tracker learns it, else None. A filled ellipse has whole axes of four times the roots of its eigenvalues.
         expected_targets: (S,) expected number of targets after every scan, where the tracker keeps it, else None: the
             sum of the weights of an intensity, confirmed or not.
+        healths: (N,) numbers of `Health`, where the tracker tests that, else None.
     """
 
     scan_times: FloatArray
@@ -509,6 +531,7 @@ class Tracks:
     existences: FloatArray | None = None
     extents: FloatArray | None = None
     expected_targets: FloatArray | None = None
+    healths: NDArray[np.int8] | None = None
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -522,7 +545,9 @@ class Tracks:
         state = GaussianState(self.means[row], self.covs[row], self.times[row])
         existence = None if self.existences is None else float(self.existences[row])
         extent = None if self.extents is None else self.extents[row]
-        return Track(int(self.ids[row]), state, float(self.last_hits[row]), int(self.hits[row]), existence, extent)
+        health = None if self.healths is None else Health(int(self.healths[row]))
+        hits = int(self.hits[row])
+        return Track(int(self.ids[row]), state, float(self.last_hits[row]), hits, existence, extent, health)
 
     def at(self, time: float) -> list[Track]:
         """Return the tracks after the last scan at or before `time`; none before the first scan."""
@@ -543,9 +568,10 @@ class Tracks:
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Return a tidy table as a dictionary of columns, one row per track and scan.
 
-        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, `existence` where it is kept,
-        one `cov_a_b` per element of the covariance's lower triangle, and `extent_1_1`, `extent_2_1`, ... likewise where
-        extents are kept. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and `pyarrow.table(table)` take it.
+        Columns: `time`, `sensor`, `track`, one per state component, `last_hit`, `hits`, `existence` and `health` (in
+        words) where they are kept, one `cov_a_b` per element of the covariance's lower triangle, and `extent_1_1`,
+        `extent_2_1`, ... likewise where extents are kept. `pandas.DataFrame(table)`, `polars.DataFrame(table)` and
+        `pyarrow.table(table)` take it.
         """
         rows_per_scan = np.diff(self.offsets)
         table: dict[str, NDArray[Any]] = {
@@ -557,6 +583,8 @@ class Tracks:
         table |= {"last_hit": self.last_hits, "hits": self.hits}
         if self.existences is not None:
             table["existence"] = self.existences
+        if self.healths is not None:
+            table["health"] = np.array([health.name.lower() for health in Health])[self.healths]
         for i, a in enumerate(self.labels):
             for j, b in enumerate(self.labels[: i + 1]):
                 table[f"cov_{a}_{b}"] = self.covs[:, i, j]
@@ -588,7 +616,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """Where every row went: `rows_in == used + late + duplicate + sum(rejected.values())`, always.
+    """Where every row went: `rows_in == used + late + duplicate + waiting + sum(rejected.values())`, always.
 
     Attributes:
         rows_in: rows received.
@@ -596,6 +624,7 @@ class Ledger:
         late: rows older than the tracker's time, or of scans that are.
         duplicate: rows received before.
         rejected: rows dropped for another reason, by event code.
+        waiting: rows of scans that wait for earlier ones, with `late=Reorder(...)`.
     """
 
     rows_in: int
@@ -603,6 +632,7 @@ class Ledger:
     late: int
     duplicate: int
     rejected: Mapping[str, int]
+    waiting: int = 0
 
 
 def _whole(value: int | None, name: str, otherwise: str = "") -> int | None:

@@ -109,7 +109,7 @@ def _record(
             "late": ledger.late,
             "duplicate": ledger.duplicate,
             "bad_lines": dict(run.bad_lines),
-            "waiting": run.waiting,
+            "waiting": run.waiting + ledger.waiting,
         },
         "events": run.tracker.event_counts,
         "track_rows": run.track_rows,
@@ -127,7 +127,7 @@ def _tell(run: LiveRun, record: dict[str, Any], *, err: bool) -> None:
         + (f" ({counted(ledger.rejected)})" if ledger.rejected else "")
         + f", {ledger.late} late, {ledger.duplicate} duplicate, {plural(bad, 'bad line')}"
         + (f" ({counted(run.bad_lines)})" if bad else "")
-        + (f", {run.waiting} waiting" if run.waiting else ""),
+        + (f", {waiting} waiting" if (waiting := record["ledger"]["waiting"]) else ""),
         *([f"  left out {counted(run.ignored)}, as [input] ignore_sensors says"] if run.ignored else []),
         f"  events   {counted(record['events']) or 'none'}",
         f"  tracks   {plural(run.track_rows, 'row')}, {record['seconds']:.1f} s",

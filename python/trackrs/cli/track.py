@@ -150,7 +150,7 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
         for name in ("scan_times", "times", "ids", "means", "covs", "last_hits", "hits")
     }
     arrays["offsets"] = np.append(np.concatenate(offsets), rows[-1])
-    for name in ("existences", "expected_targets", "extents"):
+    for name in ("existences", "expected_targets", "extents", "healths"):
         kept = [getattr(part, name) for part in parts]
         if all(value is not None for value in kept):
             arrays[name] = np.concatenate(kept)

@@ -18,7 +18,7 @@ from trackrs._arrays import FloatArray, IntArray, frozen
 from trackrs.config import InputConfig, TruthConfig
 from trackrs.io._files import Table, TableError, replacing, table_suffix, write_table
 from trackrs.metric import Truth
-from trackrs.types import Scan, Tracks
+from trackrs.types import Health, Scan, Tracks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -227,7 +227,18 @@ def read_tracks(path: str | Path, scans: ScanTable | None = None) -> Tracks:
         offsets=frozen(np.searchsorted(scan_of_row[order], np.arange(len(scans) + 1)).astype(np.int64)),
         existences=frozen(table.numbers("existence")[order]) if "existence" in names else None,
         extents=frozen(extents) if size else None,
+        healths=frozen(_healths(table)[order]) if "health" in names else None,
     )
+
+
+def _healths(table: Table) -> NDArray[np.int8]:
+    """The column of healths, by number."""
+    numbers = {health.name.lower(): health.value for health in Health}
+    words = table.text("health")
+    for row, word in enumerate(words):
+        if word not in numbers:
+            table.fail_at(row, "health", f'"{word}" is none of {", ".join(numbers)}; correct it')
+    return np.array([numbers[word] for word in words], dtype=np.int8)
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------

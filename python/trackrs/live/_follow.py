@@ -17,7 +17,7 @@ from trackrs.live._checkpoint import Checkpoint
 from trackrs.live._files import PATIENCE, Output, Source
 from trackrs.live._lines import Lines, checksum
 from trackrs.live._records import Limits, LiveRun
-from trackrs.live._refusals import refusals
+from trackrs.live._refusals import counted, dropped, refusals
 from trackrs.live._rows import Refused, RowReader
 from trackrs.live._scans import Assembler
 from trackrs.live._tracks import track_lines
@@ -182,6 +182,7 @@ class _Run:
                 self.take(self.cutter(first).feed(first))
                 self.take(self.cutter(b"").end())
                 self.step(self.scans.all())
+                self.finish()
             elif idle is not None and not self.scans.empty and now - heard >= idle:
                 changed = True
                 self.step(self.scans.all())
@@ -192,6 +193,7 @@ class _Run:
         if path is None and not ended:
             # Nothing will go on from here: what has come is used.
             self.step(self.scans.all())
+            self.finish()
             self.flush()
         if path is not None and changed:
             self.save(path)
@@ -238,26 +240,40 @@ class _Run:
                 raise
             self.stepped += 1
             ledger, before = self.tracker.ledger, self.ledger
-            if ledger.rows_in - ledger.used != before.rows_in - before.used:
-                self.tell(scan, before, ledger)
+            if (ledger.late, ledger.duplicate, ledger.rejected) != (before.late, before.duplicate, before.rejected):
+                self.tell(scan, found, before, ledger)
             self.ledger = ledger
-            if len(found):
-                self.track_rows += len(found)
-                if self.call is None:
-                    self.tracks.append(track_lines(found))
-                    self.size += len(self.tracks[-1])
-            if self.call is not None:
-                self.call(found)
-            if self.size > ENOUGH:
-                self.flush()
+            self.give(found)
+
+    def finish(self) -> None:
+        """Take in the scans that wait for earlier ones."""
+        found = self.tracker.flush()
+        before, self.ledger = self.ledger, self.tracker.ledger
+        if counts := dropped(self.ledger) - dropped(before):
+            reason = f"of the scans that waited at the end, the tracker refused {counted(counts)}"
+            self.letter(self.lines, 0 if self.cut is None else self.cut.offset, "refused", reason, "")
+        if len(found.scan_times):
+            self.give(found)
+
+    def give(self, found: Tracks) -> None:
+        """Write tracks, or call with them."""
+        if len(found):
+            self.track_rows += len(found)
+            if self.call is None:
+                self.tracks.append(track_lines(found))
+                self.size += len(self.tracks[-1])
+        if self.call is not None:
+            self.call(found)
+        if self.size > ENOUGH:
+            self.flush()
 
     # --- what goes out ---
 
-    def tell(self, scan: OpenScan, before: Ledger, after: Ledger) -> None:
+    def tell(self, scan: OpenScan, found: Tracks, before: Ledger, after: Ledger) -> None:
         """Write the rows of a scan that the tracker dropped."""
         if self.dead is None:
             return
-        for place, row, code, reason in refusals(scan, before, after, self.tracker):
+        for place, row, code, reason in refusals(scan, found, before, after, self.tracker):
             text = f"{scan.sensor} at {scan.time} s" if row is None else self.reader.shown(scan.time, scan.sensor, row)
             self.letter(*place, code, reason, text)
 
@@ -345,13 +361,14 @@ class _Run:
             used=now.used - begin.used,
             late=now.late - begin.late,
             duplicate=now.duplicate - begin.duplicate,
+            waiting=now.waiting - begin.waiting,
             rejected=dict(Counter(now.rejected) - Counter(begin.rejected)),
         )
 
     def check(self) -> None:
         """The conservation law: no row is lost and none is counted twice."""
         ledger = self.booked()
-        booked = ledger.used + ledger.late + ledger.duplicate + sum(ledger.rejected.values())
+        booked = ledger.used + ledger.late + ledger.duplicate + ledger.waiting + sum(ledger.rejected.values())
         out = booked + sum(self.bad.values()) + self.scans.waiting
         if out != self.rows_in():
             raise InternalError(f"{self.rows_in()} rows came in and {out} were accounted for")

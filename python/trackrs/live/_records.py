@@ -34,8 +34,8 @@ class Limits:
 class LiveRun:
     """What a live run has done since its very beginning, all its restarts included.
 
-    `rows_in == used + sum(rejected) + late + duplicate + sum(bad_lines) + waiting`, always; all but the last two stand
-    in the `ledger`.
+    `rows_in == used + sum(rejected) + late + duplicate + ledger.waiting + sum(bad_lines) + waiting`, always; all but
+    the last two stand in the `ledger`.
 
     Attributes:
         tracker: the tracker after the last scan.

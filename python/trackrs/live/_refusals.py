@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from trackrs.live._records import Tracker
     from trackrs.live._scans import OpenScan
-    from trackrs.types import Ledger
+    from trackrs.types import Ledger, Tracks
 
 REASONS = {
     "late_scan": "it is older than what the tracker has seen",
@@ -38,18 +38,36 @@ class Refusal(NamedTuple):
     reason: str
 
 
-def refusals(scan: OpenScan, before: Ledger, after: Ledger, tracker: Tracker) -> list[Refusal]:
-    """Return what the tracker dropped of a scan, by the books before and after it."""
-    dropped = Counter(after.rejected) - Counter(before.rejected)
-    dropped += Counter(late_scan=after.late - before.late, duplicate=after.duplicate - before.duplicate)
-    codes: list[str | None] = [*dropped] * len(scan.values)
-    if dropped.total() != len(scan.values) or len(dropped) != 1:
+def dropped(ledger: Ledger) -> Counter[str]:
+    """Return how many rows a tracker dropped, by code."""
+    return Counter({**ledger.rejected, "late_scan": ledger.late, "duplicate": ledger.duplicate})
+
+
+def counted(counts: Counter[str]) -> str:
+    """Return counts in words."""
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def refusals(scan: OpenScan, found: Tracks, before: Ledger, after: Ledger, tracker: Tracker) -> list[Refusal]:
+    """Return what the tracker dropped when it got a scan, by the books before and after it."""
+    lost = dropped(after) - dropped(before)
+    place = scan.places[0] if scan.places else (0, 0)
+    out = []
+    if back := lost.pop("future_scan", 0):
+        reason = f"{back} rows of the scan before this one were taken back: their time lay far ahead"
+        out.append(Refusal(place, None, "future_scan", reason))
+    if not lost:
+        return out
+    codes: list[str | None] = [*lost] * len(scan.values)
+    if lost.total() != len(scan.values) or len(lost) != 1:
         codes = _faults(scan.values, whole=isinstance(tracker, IntensityTracker))
-    if Counter(code for code in codes if code) != dropped:
-        counts = ", ".join(f"{count} {name}" for name, count in dropped.items())
-        reason = f"of the scan that begins here, the tracker refused {counts}"
-        return [Refusal(scan.places[0], None, "refused", reason)]
-    return [
+    # Where scans wait or are taken in again, what was dropped may be of others; what is late is always of this one.
+    its_own = (found.sensors == (scan.sensor,) and found.scan_times[0] == scan.time) or [*lost] == ["late_scan"]
+    if not its_own or Counter(code for code in codes if code) != lost:
+        which = "of" if its_own else "with"
+        reason = f"{which} the scan that begins here, the tracker refused {counted(lost)}"
+        return [*out, Refusal(place, None, "refused", reason)]
+    return out + [
         Refusal(place, row, code, REASONS.get(code, f"the tracker refused it: {code}"))
         for place, row, code in zip(scan.places, scan.values, codes, strict=True)
         if code

@@ -14,10 +14,12 @@ if TYPE_CHECKING:
 def track_lines(tracks: Tracks) -> bytes:
     """Return tracks as lines of JSON, with the names of `Tracks.to_table`."""
     table = tracks.to_table()
-    quoted = {sensor: json.dumps(sensor) for sensor in set(tracks.sensors)}
     columns = [column.tolist() for column in table.values()]
-    columns[1] = [quoted[sensor] for sensor in columns[1]]
-    line = _template(tuple(table))
+    texts = tuple(k for k, column in enumerate(table.values()) if column.dtype.kind == "U")
+    for k in texts:
+        quoted = {text: json.dumps(text) for text in set(columns[k])}
+        columns[k] = [quoted[text] for text in columns[k]]
+    line = _template(tuple(table), texts)
     # A number as Python shows it is one as JSON has it, unless it is not finite. Encoders take four times as long.
     text = "".join([line % row for row in zip(*columns, strict=True)])
     if ":nan" in text or ":inf" in text or ":-inf" in text:
@@ -28,7 +30,7 @@ def track_lines(tracks: Tracks) -> bytes:
 
 
 @lru_cache
-def _template(names: tuple[str, ...]) -> str:
-    """A line of tracks; the second column is text in quotes."""
-    items = [f"{json.dumps(name)}:".replace("%", "%%") + ("%s" if k == 1 else "%r") for k, name in enumerate(names)]
+def _template(names: tuple[str, ...], texts: tuple[int, ...]) -> str:
+    """A line of tracks; in these columns there is text in quotes."""
+    items = [f"{json.dumps(name)}:".replace("%", "%%") + ("%s" if k in texts else "%r") for k, name in enumerate(names)]
     return f"{{{','.join(items)}}}\n"

@@ -238,6 +238,7 @@ pub(crate) fn evaluate<'py>(
                 hits: 0,
                 existence: None,
                 extent: None,
+                health: None,
             })
             .collect(),
         centre: centres.as_ref().map(|c: &Vec<DVector<f64>>| c[k].clone()),

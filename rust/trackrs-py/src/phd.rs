@@ -6,7 +6,6 @@ use std::sync::Mutex;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use trackrs::TrackRef;
 use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
 use trackrs::rfs::cphd::CphdUpdate;
@@ -16,21 +15,23 @@ use trackrs::rfs::gm_phd::PointUpdate;
 use trackrs::rfs::mixture::Reduction;
 use trackrs::rfs::prediction::{Birth, Fate, Spawn};
 use trackrs::rfs::rate::{Rate, RateModel};
+use trackrs::tracker::in_order::InOrder;
 use trackrs::tracker::phd::PhdTracker;
 use trackrs::tracker::phd::config::{self, AdaptiveBirth, Confirmation, PhdConfig, Watch};
+use trackrs::{Scan, TrackRef};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
 use crate::partition::{OutlierFilter, Partitioner};
 use crate::scans::{
-    Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, extents, lock, recent, to_scan,
+    Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, extents, late, lock, recent, to_scan,
 };
 use crate::tracker::{filter, small};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct IntensityTracker {
-    pub(crate) inner: Mutex<PhdTracker>,
+    pub(crate) inner: Mutex<InOrder<PhdTracker>>,
 }
 
 /// Tracks of scans, and the expected number of targets after each.
@@ -98,6 +99,8 @@ pub(crate) struct PhdSettings<'py> {
     confirm_after: i64,
     end_after: i64,
     strict: bool,
+    /// Kind and window, seconds.
+    late: (String, f64),
 }
 
 type ExtentItems<'py> = (PyReadonlyArray2<'py, f64>, f64, f64);
@@ -210,6 +213,7 @@ impl IntensityTracker {
             confirm_after,
             end_after,
             strict,
+            late: policy,
             ..
         } = settings;
         let tracker = compute(py, move || {
@@ -272,10 +276,11 @@ impl IntensityTracker {
                 },
                 strict,
             };
-            match time {
-                None => PhdTracker::new(config),
-                Some(time) => PhdTracker::starting(config, &initial, time),
-            }
+            let tracker = match time {
+                None => PhdTracker::new(config)?,
+                Some(time) => PhdTracker::starting(config, &initial, time)?,
+            };
+            InOrder::new(tracker, late(&policy)?)
         })?;
         Ok(Self {
             inner: Mutex::new(tracker),
@@ -285,7 +290,7 @@ impl IntensityTracker {
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
         Ok(Self {
-            inner: Mutex::new(compute(py, || PhdTracker::from_bytes(data))?),
+            inner: Mutex::new(compute(py, || InOrder::from_bytes(data))?),
         })
     }
 
@@ -307,31 +312,40 @@ impl IntensityTracker {
     fn step<'py>(&self, py: Python<'py>, scan: ScanArrays<'py>) -> PyResult<IntensityColumns<'py>> {
         let scan = to_scan(&scan)?;
         let mut guard = lock(py, &self.inner)?;
-        let tracker = &mut *guard;
-        let tracks = compute(py, || tracker.step(&scan))?;
-        let mut rows = rows(tracker);
-        rows.push(tracks.iter().map(TrackRef::from));
-        columns(py, rows, &[tracker.expected_targets()])
+        let inner = &mut *guard;
+        let mut found = Found::new(inner.tracker());
+        compute(py, || inner.step(&scan, |tracker, scan| found.push(tracker, scan)))?;
+        found.into_columns(py)
+    }
+
+    /// Takes in what waits.
+    fn flush<'py>(&self, py: Python<'py>) -> PyResult<IntensityColumns<'py>> {
+        let mut guard = lock(py, &self.inner)?;
+        let inner = &mut *guard;
+        let mut found = Found::new(inner.tracker());
+        compute(py, || inner.flush(|tracker, scan| found.push(tracker, scan)))?;
+        found.into_columns(py)
     }
 
     fn run<'py>(&self, py: Python<'py>, scans: Vec<ScanArrays<'py>>) -> PyResult<IntensityColumns<'py>> {
         let scans = scans.iter().map(to_scan).collect::<PyResult<Vec<_>>>()?;
         let mut guard = lock(py, &self.inner)?;
-        let tracker = &mut *guard;
-        compute(py, || tracker.check_run(&scans))?;
-        let mut expected = Vec::with_capacity(scans.len());
-        let mut rows = rows(tracker);
+        let inner = &mut *guard;
+        compute(py, || inner.check_run(&scans))?;
+        let mut found = Found::new(inner.tracker());
         each(py, &scans, |scan| {
-            rows.push(tracker.step(scan)?.iter().map(TrackRef::from));
-            expected.push(tracker.expected_targets());
-            Ok(())
+            inner.queue(scan, |tracker, scan| found.push(tracker, scan))
         })?;
-        compute(py, || tracker.ledger().check())?;
-        columns(py, rows, &expected)
+        compute(py, || {
+            inner.flush(|tracker, scan| found.push(tracker, scan))?;
+            inner.ledger().check()
+        })?;
+        found.into_columns(py)
     }
 
     fn mixture<'py>(&self, py: Python<'py>) -> PyResult<MixtureColumns<'py>> {
-        let tracker = lock(py, &self.inner)?;
+        let guard = lock(py, &self.inner)?;
+        let tracker = guard.tracker();
         let (n, mixture) = (tracker.config().motion.state_dim(), tracker.mixture());
         Ok(MixtureColumns {
             weights: PyArray1::from_iter(py, mixture.iter().map(|c| c.weight)),
@@ -343,35 +357,51 @@ impl IntensityTracker {
     }
 
     fn cardinality<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-        let tracker = lock(py, &self.inner)?;
-        let found = tracker.cardinality();
+        let guard = lock(py, &self.inner)?;
+        let found = guard.tracker().cardinality();
         Ok(found.map(|cardinality| PyArray1::from_vec(py, cardinality.probabilities())))
     }
 
     fn labels(&self, py: Python<'_>) -> PyResult<Vec<String>> {
-        Ok(lock(py, &self.inner)?.config().motion.labels())
+        Ok(lock(py, &self.inner)?.tracker().config().motion.labels())
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<Vec<EventRecord>> {
-        Ok(recent(lock(py, &self.inner)?.events()))
+        Ok(recent(&lock(py, &self.inner)?.events()))
     }
 
     fn event_counts(&self, py: Python<'_>) -> PyResult<BTreeMap<&'static str, u64>> {
-        Ok(counts(lock(py, &self.inner)?.events()))
+        Ok(counts(&lock(py, &self.inner)?.events()))
     }
 
     fn ledger(&self, py: Python<'_>) -> PyResult<LedgerRecord> {
-        Ok(LedgerRecord::of(lock(py, &self.inner)?.ledger()))
+        Ok(LedgerRecord::of(&lock(py, &self.inner)?.ledger()))
     }
 }
 
-fn rows(tracker: &PhdTracker) -> Rows {
-    Rows::new(tracker.config().motion.state_dim(), true, tracker.extent_dims())
+/// Tracks and expected numbers of targets, scan by scan.
+struct Found {
+    rows: Rows,
+    expected: Vec<f64>,
 }
 
-fn columns<'py>(py: Python<'py>, rows: Rows, expected: &[f64]) -> PyResult<IntensityColumns<'py>> {
-    Ok(IntensityColumns {
-        tracks: rows.into_columns(py)?,
-        expected_targets: PyArray1::from_slice(py, expected),
-    })
+impl Found {
+    fn new(tracker: &PhdTracker) -> Self {
+        Self {
+            rows: Rows::new(tracker.config().motion.state_dim(), true, tracker.extent_dims()),
+            expected: Vec::new(),
+        }
+    }
+
+    fn push(&mut self, tracker: &PhdTracker, scan: &Scan) {
+        self.rows.push(scan, tracker.tracks().iter().map(TrackRef::from));
+        self.expected.push(tracker.expected_targets());
+    }
+
+    fn into_columns(self, py: Python<'_>) -> PyResult<IntensityColumns<'_>> {
+        Ok(IntensityColumns {
+            tracks: self.rows.into_columns(py)?,
+            expected_targets: PyArray1::from_vec(py, self.expected),
+        })
+    }
 }

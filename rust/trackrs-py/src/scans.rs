@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::event::{Event, EventLog, Ledger};
+use trackrs::tracker::in_order::Late;
 use trackrs::{Extent, Scan, TrackRef};
 
 use crate::array;
@@ -19,6 +20,8 @@ const CHUNK: Duration = Duration::from_millis(50);
 /// Tracks of one or more scans: those of scan k are rows `offsets[k]..offsets[k + 1]`.
 #[derive(IntoPyObject)]
 pub(crate) struct Columns<'py> {
+    scan_times: Bound<'py, PyArray1<f64>>,
+    sensors: Vec<String>,
     offsets: Vec<usize>,
     times: Bound<'py, PyArray1<f64>>,
     ids: Bound<'py, PyArray1<u64>>,
@@ -28,6 +31,21 @@ pub(crate) struct Columns<'py> {
     hits: Bound<'py, PyArray1<u64>>,
     existences: Option<Bound<'py, PyArray1<f64>>>,
     extents: Option<Bound<'py, PyArray3<f64>>>,
+    healths: Option<Bound<'py, PyArray1<i8>>>,
+}
+
+/// What becomes of late scans: a kind, and the window where it has one.
+pub(crate) fn late((kind, window): &(String, f64)) -> trackrs::Result<Late> {
+    let window = *window;
+    match kind.as_str() {
+        "drop_late" => Ok(Late::Drop),
+        "reorder" => Ok(Late::Reorder { window }),
+        "replay" => Ok(Late::Replay { window }),
+        other => {
+            let requirement = "must be drop_late, reorder or replay";
+            Err(trackrs::Error::invalid("late", other, requirement))
+        }
+    }
 }
 
 /// A scan of the facade.
@@ -67,6 +85,7 @@ pub(crate) struct LedgerRecord {
     used: u64,
     late: u64,
     duplicate: u64,
+    waiting: u64,
     rejected: BTreeMap<&'static str, u64>,
 }
 
@@ -78,6 +97,7 @@ impl LedgerRecord {
             used: ledger.used,
             late: ledger.late,
             duplicate: ledger.duplicate,
+            waiting: ledger.waiting,
             rejected: rejected.collect(),
         }
     }
@@ -166,6 +186,8 @@ pub(crate) struct Rows {
     /// Length of a state, and number of dimensions of an extent where extents are learnt.
     n: usize,
     dims: Option<usize>,
+    scan_times: Vec<f64>,
+    sensors: Vec<String>,
     offsets: Vec<usize>,
     times: Vec<f64>,
     ids: Vec<u64>,
@@ -175,6 +197,7 @@ pub(crate) struct Rows {
     hits: Vec<u64>,
     existences: Option<Vec<f64>>,
     extents: Vec<f64>,
+    healths: Option<Vec<i8>>,
 }
 
 impl Rows {
@@ -182,6 +205,8 @@ impl Rows {
         Self {
             n,
             dims,
+            scan_times: Vec::new(),
+            sensors: Vec::new(),
             offsets: vec![0],
             times: Vec::new(),
             ids: Vec::new(),
@@ -191,11 +216,20 @@ impl Rows {
             hits: Vec::new(),
             existences: existence.then(Vec::new),
             extents: Vec::new(),
+            healths: None,
         }
     }
 
+    /// With the health of every track.
+    pub(crate) fn with_health(mut self) -> Self {
+        self.healths = Some(Vec::new());
+        self
+    }
+
     /// Takes in the tracks after one more scan.
-    pub(crate) fn push<'a>(&mut self, tracks: impl Iterator<Item = TrackRef<'a>>) {
+    pub(crate) fn push<'a>(&mut self, scan: &Scan, tracks: impl Iterator<Item = TrackRef<'a>>) {
+        self.scan_times.push(scan.time);
+        self.sensors.push(scan.sensor.clone());
         for track in tracks {
             self.times.push(track.time);
             self.ids.push(track.id);
@@ -205,6 +239,9 @@ impl Rows {
             self.hits.push(track.hits);
             if let Some(existences) = &mut self.existences {
                 existences.push(track.existence.unwrap_or(1.0));
+            }
+            if let (Some(healths), Some(health)) = (&mut self.healths, track.health) {
+                healths.push(health as i8);
             }
             if let Some(extent) = track.extent {
                 self.extents.extend_from_slice(extent.cov.as_slice());
@@ -221,6 +258,8 @@ impl Rows {
             PyArray1::from_vec(py, self.extents).reshape([found, d, d])
         };
         Ok(Columns {
+            scan_times: PyArray1::from_vec(py, self.scan_times),
+            sensors: self.sensors,
             offsets: self.offsets,
             times: PyArray1::from_vec(py, self.times),
             ids: PyArray1::from_vec(py, self.ids),
@@ -228,6 +267,7 @@ impl Rows {
             covs: PyArray1::from_vec(py, self.covs).reshape([count, n, n])?,
             last_hits: PyArray1::from_vec(py, self.last_hits),
             hits: PyArray1::from_vec(py, self.hits),
+            healths: self.healths.map(|healths| PyArray1::from_vec(py, healths)),
             extents: self.dims.map(extents).transpose()?,
             existences: self.existences.map(|existences| PyArray1::from_vec(py, existences)),
         })

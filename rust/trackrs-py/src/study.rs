@@ -99,8 +99,10 @@ impl Study {
         let mut named = Vec::with_capacity(methods.len());
         for (name, item) in methods {
             let method = match item {
-                MethodItem::Tracker(tracker) => Method::Tracker(Box::new(lock(py, &tracker.inner)?.clone())),
-                MethodItem::Intensity(tracker) => Method::Intensity(Box::new(lock(py, &tracker.inner)?.clone())),
+                MethodItem::Tracker(tracker) => Method::Tracker(Box::new(lock(py, &tracker.inner)?.tracker().clone())),
+                MethodItem::Intensity(tracker) => {
+                    Method::Intensity(Box::new(lock(py, &tracker.inner)?.tracker().clone()))
+                }
                 MethodItem::Filter(filter) => Method::Filter(Box::new(filter.filter.clone())),
             };
             named.push(Named { name, method });

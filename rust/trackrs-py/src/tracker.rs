@@ -11,6 +11,7 @@ use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
 use trackrs::tracker::clutter_map::ClutterMap;
 use trackrs::tracker::config::TrackerConfig;
+use trackrs::tracker::in_order::InOrder;
 use trackrs::tracker::lifecycle::{Deletion, Existence, Initiator, MofN};
 use trackrs::tracker::moments::TrackFilter;
 use trackrs::tracker::multi_target::MultiTargetTracker;
@@ -19,11 +20,11 @@ use crate::array;
 use crate::associator::{AssociatorItems, associator};
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
-use crate::scans::{Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, lock, recent, to_scan};
+use crate::scans::{Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, late, lock, recent, to_scan};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Tracker {
-    pub(crate) inner: Mutex<MultiTargetTracker>,
+    pub(crate) inner: Mutex<InOrder<MultiTargetTracker>>,
 }
 
 /// An initiator of the facade, one kind or the other.
@@ -70,6 +71,8 @@ pub(crate) struct Settings {
     max_gap: Option<f64>,
     max_tracks: i64,
     strict: bool,
+    /// Kind and window, seconds.
+    late: (String, f64),
 }
 
 pub(crate) fn filter(name: &str) -> trackrs::Result<TrackFilter> {
@@ -176,7 +179,7 @@ impl Tracker {
             config.max_tracks = count("max_tracks", settings.max_tracks)?;
             config.strict = settings.strict;
             config.initial = initial;
-            MultiTargetTracker::new(config)
+            InOrder::new(MultiTargetTracker::new(config)?, late(&settings.late)?)
         })?;
         Ok(Self {
             inner: Mutex::new(tracker),
@@ -186,7 +189,7 @@ impl Tracker {
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
         Ok(Self {
-            inner: Mutex::new(compute(py, || MultiTargetTracker::from_bytes(data))?),
+            inner: Mutex::new(compute(py, || InOrder::from_bytes(data))?),
         })
     }
 
@@ -208,46 +211,59 @@ impl Tracker {
     fn step<'py>(&self, py: Python<'py>, scan: ScanArrays<'py>) -> PyResult<Columns<'py>> {
         let scan = to_scan(&scan)?;
         let mut guard = lock(py, &self.inner)?;
-        let tracker = &mut *guard;
-        compute(py, || tracker.update(&scan))?;
-        let mut rows = rows(tracker.config());
-        rows.push(tracker.track_refs());
+        let inner = &mut *guard;
+        let mut rows = rows(inner.tracker().config());
+        compute(py, || {
+            inner.step(&scan, |tracker, scan| rows.push(scan, tracker.track_refs()))
+        })?;
+        rows.into_columns(py)
+    }
+
+    /// Takes in what waits.
+    fn flush<'py>(&self, py: Python<'py>) -> PyResult<Columns<'py>> {
+        let mut guard = lock(py, &self.inner)?;
+        let inner = &mut *guard;
+        let mut rows = rows(inner.tracker().config());
+        compute(py, || {
+            inner.flush(|tracker, scan| rows.push(scan, tracker.track_refs()))
+        })?;
         rows.into_columns(py)
     }
 
     fn run<'py>(&self, py: Python<'py>, scans: Vec<ScanArrays<'py>>) -> PyResult<Columns<'py>> {
         let scans = scans.iter().map(to_scan).collect::<PyResult<Vec<_>>>()?;
         let mut guard = lock(py, &self.inner)?;
-        let tracker = &mut *guard;
-        compute(py, || tracker.check_run(&scans))?;
-        let mut rows = rows(tracker.config());
+        let inner = &mut *guard;
+        compute(py, || inner.check_run(&scans))?;
+        let mut rows = rows(inner.tracker().config());
         each(py, &scans, |scan| {
-            tracker.update(scan)?;
-            rows.push(tracker.track_refs());
-            Ok(())
+            inner.queue(scan, |tracker, scan| rows.push(scan, tracker.track_refs()))
         })?;
-        compute(py, || tracker.ledger().check())?;
+        compute(py, || {
+            inner.flush(|tracker, scan| rows.push(scan, tracker.track_refs()))?;
+            inner.ledger().check()
+        })?;
         rows.into_columns(py)
     }
 
     fn labels(&self, py: Python<'_>) -> PyResult<Vec<String>> {
-        Ok(lock(py, &self.inner)?.config().motion.labels())
+        Ok(lock(py, &self.inner)?.tracker().config().motion.labels())
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<Vec<EventRecord>> {
-        Ok(recent(lock(py, &self.inner)?.events()))
+        Ok(recent(&lock(py, &self.inner)?.events()))
     }
 
     fn event_counts(&self, py: Python<'_>) -> PyResult<BTreeMap<&'static str, u64>> {
-        Ok(counts(lock(py, &self.inner)?.events()))
+        Ok(counts(&lock(py, &self.inner)?.events()))
     }
 
     fn ledger(&self, py: Python<'_>) -> PyResult<LedgerRecord> {
-        Ok(LedgerRecord::of(lock(py, &self.inner)?.ledger()))
+        Ok(LedgerRecord::of(&lock(py, &self.inner)?.ledger()))
     }
 }
 
 fn rows(config: &TrackerConfig) -> Rows {
     let existence = matches!(config.initiator, Initiator::Existence(_));
-    Rows::new(config.motion.state_dim(), existence, None)
+    Rows::new(config.motion.state_dim(), existence, None).with_health()
 }

@@ -1,7 +1,7 @@
 //! Events: what the tracker refused, repaired or received late, typed and counted; and the ledger of rows.
 //!
-//! Every row that comes in is used, rejected for a reason, late, or a duplicate: [`Ledger::check`] asserts
-//! `rows_in = used + rejected + late + duplicate`.
+//! Every row that comes in is used, rejected for a reason, late, a duplicate, or waits for its turn: [`Ledger::check`] asserts
+//! `rows_in = used + rejected + late + duplicate + waiting`.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
@@ -23,6 +23,10 @@ pub enum EventCode {
     Duplicate,
     /// A scan of a sensor that the tracker does not have was dropped.
     UnknownSensor,
+    /// A scan whose time lies far ahead of all others was taken back, because the next one went on as before it.
+    FutureScan,
+    /// The clock was set back: all tracks were ended, and the tracker went on with the new time.
+    ClockSetBack,
     /// A report with a time of its own that lies before the tracker's time was dropped.
     LateReport,
     /// A report whose own time is no number, or later than its scan's, was dropped.
@@ -44,6 +48,10 @@ pub enum EventCode {
     GapReset,
     /// Joint association probabilities were approximated, because the exact ones are beyond the budget.
     Approximated,
+    /// A track's innovations are larger or smaller than its covariance says.
+    TrackDegraded,
+    /// They have been too large for long, or its reports stay away.
+    TrackLost,
     /// The limit on the number of tracks was reached; reports started no track.
     TrackLimit,
 }
@@ -55,6 +63,8 @@ impl EventCode {
             Self::LateScan => "late_scan",
             Self::Duplicate => "duplicate",
             Self::UnknownSensor => "unknown_sensor",
+            Self::FutureScan => "future_scan",
+            Self::ClockSetBack => "clock_set_back",
             Self::LateReport => "late_report",
             Self::BadTime => "bad_time",
             Self::BadScan => "bad_scan",
@@ -65,6 +75,8 @@ impl EventCode {
             Self::TrackDiverged => "track_diverged",
             Self::GapReset => "gap_reset",
             Self::Approximated => "approximated",
+            Self::TrackDegraded => "track_degraded",
+            Self::TrackLost => "track_lost",
             Self::TrackLimit => "track_limit",
         }
     }
@@ -120,12 +132,30 @@ impl EventLog {
                 event: event.to_string(),
             });
         }
+        self.note(event);
+        Ok(())
+    }
+
+    /// Records an event that is no error in strict mode either: one about a track, not about what came in.
+    pub fn note(&mut self, event: Event) {
         *self.counts.entry(event.code).or_default() += 1;
         if self.recent.len() == RECENT_EVENTS {
             self.recent.pop_front();
         }
         self.recent.push_back(event);
-        Ok(())
+    }
+
+    /// Takes over what another log has, as later than all of its own; no strictness is asked.
+    pub fn absorb(&mut self, later: &Self) {
+        for (code, count) in &later.counts {
+            *self.counts.entry(*code).or_default() += count;
+        }
+        for event in &later.recent {
+            if self.recent.len() == RECENT_EVENTS {
+                self.recent.pop_front();
+            }
+            self.recent.push_back(event.clone());
+        }
     }
 
     /// Number of events of each code.
@@ -150,6 +180,9 @@ pub struct Ledger {
     pub late: u64,
     /// Rows dropped because they had been received before.
     pub duplicate: u64,
+    /// Rows of scans that wait for their turn.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub waiting: u64,
     /// Rows dropped for another reason.
     pub rejected: BTreeMap<EventCode, u64>,
 }
@@ -164,9 +197,21 @@ impl Ledger {
         }
     }
 
+    /// Adds what another has booked.
+    pub fn absorb(&mut self, other: &Self) {
+        self.rows_in += other.rows_in;
+        self.used += other.used;
+        self.late += other.late;
+        self.duplicate += other.duplicate;
+        self.waiting += other.waiting;
+        for (code, rows) in &other.rejected {
+            *self.rejected.entry(*code).or_default() += rows;
+        }
+    }
+
     /// The conservation law: no row is lost and none is counted twice.
     pub fn check(&self) -> Result<()> {
-        let out = self.used + self.late + self.duplicate + self.rejected.values().sum::<u64>();
+        let out = self.used + self.late + self.duplicate + self.waiting + self.rejected.values().sum::<u64>();
         if out == self.rows_in {
             return Ok(());
         }
@@ -174,6 +219,36 @@ impl Ledger {
             reason: format!("{} rows came in and {out} were accounted for", self.rows_in),
         })
     }
+}
+
+/// What was refused, and where the rows went.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Books {
+    /// The events.
+    pub events: EventLog,
+    /// The rows.
+    pub ledger: Ledger,
+}
+
+impl Books {
+    /// Empty ones; strict ones turn the first event into an error.
+    pub fn new(strict: bool) -> Self {
+        Self {
+            events: EventLog::new(strict),
+            ledger: Ledger::default(),
+        }
+    }
+
+    /// Takes over what others have, as later than all of their own.
+    pub fn absorb(&mut self, later: &Self) {
+        self.events.absorb(&later.events);
+        self.ledger.absorb(&later.ledger);
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for a reference")]
+fn is_none(rows: &u64) -> bool {
+    *rows == 0
 }
 
 #[cfg(test)]

@@ -25,4 +25,4 @@ pub mod tracker;
 pub use error::{Error, Result};
 pub use gaussian::Gaussian;
 pub use scan::Scan;
-pub use track::{Extent, Track, TrackRef};
+pub use track::{Extent, Health, Track, TrackRef};

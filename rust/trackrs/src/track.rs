@@ -7,6 +7,18 @@ use crate::error::{Result, require_positive, require_size};
 use crate::gaussian::Gaussian;
 use crate::linalg::cholesky::Cholesky;
 
+/// Whether a track is what its covariance says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+pub enum Health {
+    /// Nothing speaks against it.
+    #[default]
+    Healthy,
+    /// Its innovations are larger or smaller than its covariance says.
+    Degraded,
+    /// They have been too large for long, or its reports stay away.
+    Lost,
+}
+
 /// A confirmed track at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Track {
@@ -26,6 +38,9 @@ pub struct Track {
     /// How large the target is, where the tracker learns it.
     #[serde(default)]
     pub extent: Option<Extent>,
+    /// Whether it is what its covariance says, where the tracker tests that.
+    #[serde(default)]
+    pub health: Option<Health>,
 }
 
 /// A track where it stands, without a copy of its estimate. The fields are those of [`Track`].
@@ -39,6 +54,7 @@ pub struct TrackRef<'a> {
     pub hits: u64,
     pub existence: Option<f64>,
     pub extent: Option<&'a Extent>,
+    pub health: Option<Health>,
 }
 
 impl TrackRef<'_> {
@@ -52,6 +68,7 @@ impl TrackRef<'_> {
             hits: self.hits,
             existence: self.existence,
             extent: self.extent.cloned(),
+            health: self.health,
         }
     }
 }
@@ -66,6 +83,7 @@ impl<'a> From<&'a Track> for TrackRef<'a> {
             hits: track.hits,
             existence: track.existence,
             extent: track.extent.as_ref(),
+            health: track.health,
         }
     }
 }

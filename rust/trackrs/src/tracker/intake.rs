@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::look::Row;
 use crate::error::{Error, Result, require_finite};
-use crate::event::{Event, EventCode, EventLog, Ledger};
+use crate::event::{Books, Event, EventCode, EventLog, Ledger};
 use crate::model::sensor::check_platform;
 use crate::model::{Sensor, SensorModel};
 use crate::scan::{Scan, same_bits};
@@ -22,6 +22,13 @@ pub(super) struct Intake {
     last_scans: BTreeMap<String, Scan>,
     pub(super) events: EventLog,
     pub(super) ledger: Ledger,
+}
+
+/// The clock without the books: what is put back where time is.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct IntakeState {
+    time: Option<f64>,
+    last_scans: BTreeMap<String, Scan>,
 }
 
 /// What reports must have to take part.
@@ -53,9 +60,64 @@ impl Intake {
         }
     }
 
-    /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
-    pub(super) fn check_run<'a>(&self, scans: &[Scan], find: impl Fn(&str) -> Result<&'a SensorModel>) -> Result<()> {
-        let mut previous = self.time.unwrap_or(f64::NEG_INFINITY);
+    /// Records an event about a track, which is no error in strict mode either.
+    pub(super) fn note(&mut self, scan: &Scan, code: EventCode, reason: &str) {
+        self.events.note(Event {
+            code,
+            time: scan.time,
+            sensor: scan.sensor.clone(),
+            row: None,
+            reason: reason.into(),
+        });
+    }
+
+    /// Where the clock stands.
+    pub(super) fn state(&self) -> IntakeState {
+        IntakeState {
+            time: self.time,
+            last_scans: self.last_scans.clone(),
+        }
+    }
+
+    /// Puts the clock back; the books stay.
+    pub(super) fn set_state(&mut self, state: IntakeState) {
+        self.time = state.time;
+        self.last_scans = state.last_scans;
+    }
+
+    /// Forgets the time and the scans before.
+    pub(super) fn forget(&mut self) {
+        self.time = None;
+        self.last_scans.clear();
+    }
+
+    /// Puts other books in the place of its own.
+    pub(super) fn swap_books(&mut self, books: &mut Books) {
+        std::mem::swap(&mut self.events, &mut books.events);
+        std::mem::swap(&mut self.ledger, &mut books.ledger);
+    }
+
+    /// Takes over what other books have.
+    pub(super) fn absorb(&mut self, later: &Books) {
+        self.events.absorb(&later.events);
+        self.ledger.absorb(&later.ledger);
+    }
+
+    /// Drops a whole scan.
+    pub(super) fn refuse(&mut self, scan: &Scan, code: EventCode, reason: &str) -> Result<()> {
+        let rows = scan.values.len() as u64;
+        self.ledger.rows_in += rows;
+        self.ledger.drop_rows(code, rows);
+        self.record(scan, code, None, reason)
+    }
+
+    /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease from that of before on.
+    pub(super) fn check_run<'a>(
+        scans: &[Scan],
+        before: Option<f64>,
+        find: impl Fn(&str) -> Result<&'a SensorModel>,
+    ) -> Result<()> {
+        let mut previous = before.unwrap_or(f64::NEG_INFINITY);
         for scan in scans {
             find(&scan.sensor)?;
             require_finite("scan time", [&scan.time])?;
@@ -111,8 +173,8 @@ impl Intake {
         })
     }
 
-    /// Why a whole scan cannot be used, if so.
-    fn refusal(&self, scan: &Scan, sensor: &SensorModel, needs: Needs) -> Option<(EventCode, String)> {
+    /// Why a scan cannot be used whenever it had come, if so.
+    pub(super) fn fault(scan: &Scan, sensor: &SensorModel, needs: Needs) -> Option<(EventCode, String)> {
         if !scan.time.is_finite() {
             return Some((EventCode::BadScan, format!("its time is {}", scan.time)));
         }
@@ -120,19 +182,24 @@ impl Intake {
         if let Err(error) = check_platform(sensor, platform.as_ref()) {
             return Some((EventCode::BadScan, error.to_string()));
         }
-        if self
-            .last_scans
-            .get(&scan.sensor)
-            .is_some_and(|last| last.same_content(scan))
-        {
-            return Some((EventCode::Duplicate, "it repeats the sensor's last scan".into()));
-        }
         if let Some(times) = scan.times.as_ref().filter(|times| times.len() != scan.values.len()) {
             let reason = format!("it has {} reports and {} times", scan.values.len(), times.len());
             return Some((EventCode::BadScan, reason));
         }
         if needs == Needs::Everything && scan.times.is_some() {
             return Some((EventCode::BadScan, "its reports have times of their own".into()));
+        }
+        None
+    }
+
+    /// Why a whole scan cannot be used, if so.
+    fn refusal(&self, scan: &Scan, sensor: &SensorModel, needs: Needs) -> Option<(EventCode, String)> {
+        if let Some(fault) = Self::fault(scan, sensor, needs) {
+            return Some(fault);
+        }
+        let last = self.last_scans.get(&scan.sensor);
+        if last.is_some_and(|last| last.same_content(scan)) {
+            return Some((EventCode::Duplicate, "it repeats the sensor's last scan".into()));
         }
         match self.time {
             Some(now) if scan.time < now => Some((EventCode::LateScan, format!("the tracker stands at {now} s"))),

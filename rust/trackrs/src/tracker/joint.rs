@@ -237,12 +237,13 @@ impl MultiTargetTracker {
     fn hit_or_miss(&mut self, look: &Look, bench: &Bench, member: &Member, shares: &[f64]) {
         let track = &mut self.tracks[member.track];
         let hit = shares.iter().sum::<f64>() >= 0.5;
-        track.windows[look.sensor_index].push(hit);
+        track.looked_at(look.sensor_index, hit);
         let likeliest = (0..shares.len()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
         let Some(slot) = likeliest.filter(|_| hit) else {
             return;
         };
-        track.hit_by(look, bench.pairs[member.pairs.0 + slot].report);
+        let pair = &bench.pairs[member.pairs.0 + slot];
+        track.hit_by(look, pair.report, pair.nis);
     }
 }
 

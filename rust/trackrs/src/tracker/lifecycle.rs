@@ -223,6 +223,11 @@ impl Window {
         self.length > 0
     }
 
+    /// Misses among the last n scans, once there were so many; 1 ≤ n ≤ 64.
+    pub(super) fn misses_of(&self, n: u32) -> Option<u32> {
+        (self.length >= n).then(|| n - self.hits(n))
+    }
+
     fn hits(&self, n: u32) -> u32 {
         (self.bits & (u64::MAX >> (64 - n))).count_ones()
     }

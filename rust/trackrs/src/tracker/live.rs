@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::health::Monitor;
 use super::lifecycle::{Start, Window};
 use super::look::Look;
 use crate::error::Result;
@@ -27,6 +28,8 @@ pub(super) struct LiveTrack {
     /// Probability that there is a target, where that is kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) existence: Option<f64>,
+    #[serde(default, skip_serializing_if = "Monitor::is_empty")]
+    pub(super) monitor: Monitor,
 }
 
 /// The estimate after the last update, for predictions in one step (N13, `paper`).
@@ -52,6 +55,7 @@ impl LiveTrack {
             last_hit: 0.0,
             hits: 0,
             existence: None,
+            monitor: Monitor::default(),
         }
     }
 
@@ -93,13 +97,25 @@ impl LiveTrack {
     }
 
     /// Books that a report of a scan is its own.
-    pub(super) fn hit_by(&mut self, look: &Look, row: usize) {
+    pub(super) fn hit_by(&mut self, look: &Look, row: usize, nis: f64) {
+        if self.id.is_some() {
+            let observed = look.rows[row].value.iter().filter(|v| !v.is_nan()).count();
+            self.monitor.hit(nis, observed);
+        }
         self.last_hit = look.rows[row].time;
         self.hits += 1;
         if self.start.is_open()
             && let Some(position) = look.position(row)
         {
             self.start.add(position.mean.as_slice());
+        }
+    }
+
+    /// Books whether a scan of a sensor gave it a report.
+    pub(super) fn looked_at(&mut self, sensor: usize, hit: bool) {
+        self.windows[sensor].push(hit);
+        if self.windows[sensor].seen() {
+            self.monitor.look(hit);
         }
     }
 

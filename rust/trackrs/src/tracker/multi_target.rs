@@ -6,7 +6,7 @@
 //! 3. reports are gated with and given to confirmed tracks, then the remaining ones to tentative tracks (`joint`); with
 //!    existence probabilities all tracks compete; NPDA takes the reports one by one instead (`sequential`);
 //! 4. what confirmed tracks left over feeds the clutter map; a tentative track that took a static echo ends;
-//! 5. tracks are confirmed and ended ([`super::lifecycle`]);
+//! 5. tracks are ended and confirmed ([`super::lifecycle`]), and confirmed ones judged by their last updates (`health`);
 //! 6. reports that no track took, that are no static echo and lie in no confirmed track's gate start tentative tracks,
 //!    at rest, with the speed bound as uncertainty. With existence probabilities every report does, with the probability
 //!    that it is of no track. Where asked for, pairs of such reports start the tracks instead (`two_point`).
@@ -18,6 +18,8 @@ use serde::{Deserialize, Serialize};
 
 use super::clutter_map::ClutterMapState;
 use super::config::TrackerConfig;
+use super::engine::Engine;
+use super::health::Monitor;
 use super::intake::{Intake, Needs};
 use super::joint::{Group, Priors};
 use super::lifecycle::{Initiator, Start, Window};
@@ -26,7 +28,7 @@ use super::look::Look;
 use super::two_point::Waiting;
 use super::workspace::Workspace;
 use crate::association::associator::Associator;
-use crate::error::{Error, Result, require_finite, require_probability, require_size};
+use crate::error::{Error, Result};
 use crate::event::{EventCode, EventLog, Ledger};
 use crate::model::Motion;
 use crate::scan::Scan;
@@ -83,6 +85,7 @@ impl MultiTargetTracker {
                 born: start.time,
                 last_hit: start.time,
                 hits: 0,
+                monitor: Monitor::default(),
             };
             tracker.next_id += 1;
             tracker.tracks.push(track);
@@ -121,13 +124,14 @@ impl MultiTargetTracker {
                 hits: track.hits,
                 existence: track.existence,
                 extent: None,
+                health: Some(track.monitor.health),
             })
         })
     }
 
     /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
     pub fn check_run(&self, scans: &[Scan]) -> Result<()> {
-        self.intake.check_run(scans, |sensor| self.config.sensor(sensor))
+        Intake::check_run(scans, self.intake.time, |sensor| self.config.sensor(sensor))
     }
 
     /// Takes in all scans, which must be in the order of their times, and returns the confirmed tracks after each.
@@ -171,6 +175,7 @@ impl MultiTargetTracker {
             self.work.put_back(index, bench);
             self.map_clutter(&mut look);
             self.end(&look);
+            self.check_health(&look)?;
             self.confirm(scan.time);
             self.initiate(&look)?;
             self.drop_diverged(scan, || "their estimate".into())?;
@@ -190,37 +195,7 @@ impl MultiTargetTracker {
         tracker.check_restored().map_err(|error| Error::CorruptState {
             reason: error.to_string(),
         })?;
-        if let Some(map) = &mut tracker.clutter {
-            map.restore();
-        }
         Ok(tracker)
-    }
-
-    fn check_restored(&self) -> Result<()> {
-        self.config.check()?;
-        self.intake
-            .time
-            .map_or(Ok(()), |time| require_finite("time", [&time]))?;
-        for report in &self.waiting {
-            report.check_restored(self.config.motion.position_dims(), self.config.sensors.len())?;
-        }
-        for track in &self.tracks {
-            require_size("track state", self.config.motion.state_dim(), track.state.dim())?;
-            require_size(
-                "track start",
-                self.config.motion.position_dims(),
-                track.start.position().len(),
-            )?;
-            require_size("track windows", self.config.sensors.len(), track.windows.len())?;
-            track
-                .existence
-                .map_or(Ok(()), |r| require_probability("track existence", r))?;
-            if let Some(stored) = &track.stored {
-                require_finite("time of a track", [&stored.time])?;
-                require_size("stored state", track.state.dim(), stored.state.dim())?;
-            }
-        }
-        Ok(())
     }
 
     /// Ends what cannot go on to the scan's time, and puts the clock there. Returns where the tracks stand.

@@ -1,5 +1,6 @@
 //! Tracks come and go: what of a scan no track took, which tracks are confirmed, end, or begin.
 
+use super::health::Monitor;
 use super::lifecycle::{Existence, Initiator, Window, ended, enough_hits, hopeless, moves, speed, start_state_into};
 use super::live::{LiveTrack, Stored, distance};
 use super::look::Look;
@@ -181,6 +182,7 @@ impl MultiTargetTracker {
         track.windows.resize(self.config.sensors.len(), Window::default());
         track.start.reset(earliest.position.mean.as_slice());
         track.hits = 0;
+        track.monitor = Monitor::default();
         track.existence = match self.config.initiator {
             Initiator::MofN(_) => None,
             Initiator::Existence(rule) => Some(rule.initial),

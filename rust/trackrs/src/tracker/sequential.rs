@@ -54,7 +54,7 @@ impl MultiTargetTracker {
         }
         self.advance(now, look.scan.time)?;
         for (track, hit) in self.tracks.iter_mut().zip(hit) {
-            track.windows[look.sensor_index].push(hit);
+            track.looked_at(look.sensor_index, hit);
         }
         Ok(())
     }
@@ -108,7 +108,8 @@ impl MultiTargetTracker {
         let Row { time, value } = look.rows[row];
         let space = self.config.motion.space();
         let mut largest = 0.0;
-        for (&track, beta) in gating.iter().zip(betas) {
+        let pairs = std::mem::take(&mut bench.pairs);
+        for ((&track, beta), pair) in gating.iter().zip(betas).zip(&pairs) {
             let live = &mut self.tracks[track];
             bench.update(track, &live.state, &look.sensor, value.as_slice())?;
             let updated = partial_update(&space, &live.state, &bench.posterior, beta, npda.covariance);
@@ -123,9 +124,10 @@ impl MultiTargetTracker {
             if beta < 0.5 * best {
                 continue;
             }
-            live.hit_by(look, row);
+            live.hit_by(look, row, pair.nis);
             hit[track] = true;
         }
+        bench.pairs = pairs;
         look.fates[row].explained = explained;
         Ok(())
     }

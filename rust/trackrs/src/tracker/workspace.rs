@@ -4,6 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::config::TrackerConfig;
+use super::health::Limits;
 use super::live::LiveTrack;
 use super::look::Look;
 use crate::error::Result;
@@ -28,6 +29,8 @@ pub(super) struct Workspace {
     bench: Vec<Option<Box<Bench>>>,
     /// Tracks that have ended, for those that begin.
     spare: Vec<LiveTrack>,
+    /// What is expected of the updates of healthy tracks.
+    pub(super) limits: Option<Limits>,
 }
 
 /// A tracker that is copied begins with memory of its own.

@@ -84,6 +84,7 @@ pub(crate) fn evaluation(source: &mut Source<'_>) {
                 hits: 1,
                 existence: None,
                 extent: None,
+                health: None,
             });
         }
         let centre = source.coin().then(|| source.vector(2));

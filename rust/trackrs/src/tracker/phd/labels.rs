@@ -36,6 +36,13 @@ pub(super) struct Labels {
     pub(super) next_label: u64,
 }
 
+impl Labels {
+    /// Ends all tracks; identities are not given again.
+    pub(super) fn forget(&mut self) {
+        self.candidates.clear();
+    }
+}
+
 /// A mixture with one component for every extracted target, and the confirmed tracks.
 pub(super) struct Extraction {
     pub(super) mixture: Vec<Component>,
@@ -110,6 +117,7 @@ impl Labels {
             hits: candidate.extractions,
             existence: Some(target.weight.min(1.0)),
             extent: target.extent.clone(),
+            health: None,
         })
     }
 }

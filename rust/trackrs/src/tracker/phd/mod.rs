@@ -14,6 +14,7 @@
 //! CPHD filters, IEEE TAES 48(2), for 5, here with cells in place of single measurements.
 
 pub mod config;
+pub mod engine;
 mod labels;
 
 use nalgebra::DVector;
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use self::config::{AdaptiveBirth, IntensityUpdate, PhdConfig, Watch};
 use self::labels::Labels;
+use super::engine::Engine;
 use super::intake::{Intake, Needs};
 use super::lifecycle::start_state;
 use super::look::Row;
@@ -139,8 +141,7 @@ impl PhdTracker {
 
     /// Whether a run over these scans would be accepted: known sensors, finite times that never decrease.
     pub fn check_run(&self, scans: &[Scan]) -> Result<()> {
-        self.intake
-            .check_run(scans, |name| self.config.watch(name).map(|watch| &watch.sensor))
+        Engine::check_run(self, scans, self.intake.time)
     }
 
     /// Takes in all scans, which must be in the order of their times, and returns the confirmed tracks after each.
@@ -154,10 +155,21 @@ impl PhdTracker {
     /// Takes in one scan and returns the confirmed tracks at its time: those whose targets are extracted. A scan that cannot be
     /// used leaves everything as it was and is recorded as an event.
     pub fn step(&mut self, scan: &Scan) -> Result<Vec<Track>> {
+        self.update(scan)?;
+        Ok(self.tracks.clone())
+    }
+
+    /// The confirmed tracks after the last scan.
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// Takes in one scan; the tracks are those of [`Self::tracks`].
+    pub fn update(&mut self, scan: &Scan) -> Result<()> {
         let watch = self.config.watch(&scan.sensor);
         let sensor = watch.map(|watch| &watch.sensor).map_err(|unknown| unknown.to_string());
         let Some(rows) = self.intake.admit(scan, sensor, Needs::Everything)? else {
-            return Ok(self.tracks.clone());
+            return Ok(());
         };
         self.predict(scan)?;
         let platform = scan.platform.as_ref().map(|p| DVector::from_row_slice(p));
@@ -199,7 +211,7 @@ impl PhdTracker {
             let watch = self.config.watch(&scan.sensor)?;
             self.pending = self.unexplained(&rule, watch, platform.as_ref(), &measurements)?;
         }
-        Ok(self.tracks.clone())
+        Ok(())
     }
 
     fn predict(&mut self, scan: &Scan) -> Result<()> {
@@ -311,26 +323,8 @@ impl PhdTracker {
 
     /// A tracker that goes on, bit for bit, where the saved one stood.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let tracker: Self = state::from_bytes(bytes)?;
-        let check = || {
-            tracker.config.check()?;
-            tracker
-                .intake
-                .time
-                .map_or(Ok(()), |time| require_finite("time", [&time]))?;
-            let states = tracker.config.motion.state_dim();
-            let components = tracker.mixture.iter().map(|c| &c.state);
-            if let Some(model) = tracker.config.update.extent() {
-                for extent in tracker.mixture.iter().filter_map(|c| c.extent.as_ref()) {
-                    extent.check(model.prior.cov.nrows())?;
-                }
-            }
-            for state in components.chain(tracker.pending.iter().map(|birth| &birth.state)) {
-                require_size("component", states, state.dim())?;
-            }
-            Ok(())
-        };
-        check().map_err(|error: Error| Error::CorruptState {
+        let mut tracker: Self = state::from_bytes(bytes)?;
+        tracker.check_restored().map_err(|error| Error::CorruptState {
             reason: error.to_string(),
         })?;
         Ok(tracker)
