@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 
 import trackrs as tr
-from trackrs import _trackrs
 
 # --- panics ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_panic_is_one_exception_that_except_exception_catches():
     with pytest.raises(tr.InternalError, match="internal error, please report it: on purpose") as caught:
-        _trackrs._panic()
+        tr._trackrs._panic()
     assert isinstance(caught.value, Exception)
     assert isinstance(caught.value, tr.TrackrsError)
 
@@ -30,7 +29,7 @@ def test_a_panic_in_a_thread_leaves_the_others_alone():
 
     def work():
         try:
-            _trackrs._panic()
+            tr._trackrs._panic()
         except tr.TrackrsError as error:
             caught.append(error)
 

@@ -95,7 +95,9 @@ pub(crate) fn joint_marginals(source: &mut Source<'_>) {
     let size = source.about(tracks * (reports + 1));
     let mut values = source.numbers(size);
     if let Domain::Linear = domain {
-        values.iter_mut().for_each(|v| *v = v.abs());
+        for value in &mut values {
+            *value = value.abs();
+        }
     }
     let options = Options {
         budget: source.below(256) * source.below(8),

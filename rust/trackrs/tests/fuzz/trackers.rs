@@ -66,10 +66,10 @@ pub(super) fn config(source: &mut Source<'_>) -> Result<TrackerConfig> {
             pair_within: None,
         });
     } else if let Initiator::MofN(rule) = &mut config.initiator {
-        (rule.m, rule.n) = (1 + source.below(3) as u32, 3);
+        (rule.m, rule.n) = ([1, 2, 3][source.below(3)], 3);
         rule.pair_within = source.coin().then(|| source.positive());
         config.deletion = source.coin().then(|| Deletion {
-            max_misses: 1 + source.below(4) as u32,
+            max_misses: [1, 2, 3, 4][source.below(4)],
             max_time: None,
         });
     }
@@ -148,7 +148,7 @@ pub(super) fn intensity_tracker(source: &mut Source<'_>) -> Result<PhdTracker> {
         }),
         _ => config.update,
     };
-    config.adaptive_birth = source.coin().then(|| AdaptiveBirth {
+    config.adaptive_birth = source.coin().then_some(AdaptiveBirth {
         weight: 0.1,
         max_speed: 10.0,
         min_measurements: 1,

@@ -43,7 +43,8 @@ pub fn known_depth(positions: &[Vector3<f64>; 3], ranges: [f64; 3], depth: f64) 
     let x_bottom = 2.0 * (a.x * (b.y - c.y) + b.x * (c.y - a.y) + c.x * (a.y - b.y));
     let y_bottom = 2.0 * (a.y * (b.x - c.x) + b.y * (c.x - a.x) + c.y * (a.x - b.x));
     let size = (a - b).xy().norm().max((a - c).xy().norm()).max((b - c).xy().norm());
-    if x_bottom.abs() <= COLLINEAR * size * size {
+    // The two are one determinant, but for rounding.
+    if x_bottom.abs().min(y_bottom.abs()) <= COLLINEAR * size * size {
         return Err(refused("the three hydrophones are collinear in plan"));
     }
     Ok(Vector3::new(
