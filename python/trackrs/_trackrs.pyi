@@ -27,6 +27,7 @@ __all__ = [
     "Turning",
     "Underwater",
     "__version__",
+    "_panic",
     "apply_similarity",
     "assign",
     "assign_sparse",

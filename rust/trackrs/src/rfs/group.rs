@@ -32,6 +32,9 @@ pub(crate) const TRACKED: f64 = 0.5;
 const MOST_CERTAIN: f64 = 0.999;
 /// From so many members on only hypotheses with at most one missed are formed.
 const ALL_SUBSETS: usize = 4;
+/// From so many members on, which are copies of a component of great weight, only that of all: the others would take time and memory
+/// with the square of their number.
+const ONE_MISSED: usize = 64;
 const ITERATIONS: usize = 10;
 /// Fewer measurements than this change nothing.
 const NOTHING: f64 = 1e-12;
@@ -282,6 +285,9 @@ fn subsets(members: usize) -> Vec<Vec<bool>> {
     if members <= ALL_SUBSETS {
         let chosen = |bits: usize| (0..members).map(|j| (bits >> j) & 1 == 1).collect();
         return (1..1_usize << members).map(chosen).collect();
+    }
+    if members >= ONE_MISSED {
+        return vec![vec![true; members]];
     }
     let mut out: Vec<Vec<bool>> = (0..members)
         .map(|missed| (0..members).map(|j| j != missed).collect())

@@ -8,7 +8,7 @@
 //! * [`Late::Drop`]: a scan older than the tracker's time is dropped.
 //! * [`Late::Reorder`]: a scan waits until its time < T − w; then no scan can come any more that belongs before it.
 //! * [`Late::Replay`]: a scan is taken in at once; if it belongs before others, the tracker goes back to before them and takes
-//!   them in again ([`super::journal`]).
+//!   them in again (`journal`).
 //! * Either way a scan with time < T − w is dropped, and both give, bit for bit, what [`Late::Drop`] gives for the same scans in
 //!   order: by time, at equal times by the sensor's name, then by content.
 //! * Memory: the scans inside the window, and with `Replay` one state per eight of them.

@@ -132,14 +132,17 @@ pub(crate) fn closed_forms(source: &mut Source<'_>) {
         .all(|v| v.abs() < 1e12 && (v.abs() > 1e-12 || *v == 0.0));
     let depth = source.tame();
     if let (Ok(found), true) = (known_depth(&places, ranges, depth), ordinary) {
-        finite("position", found.iter());
+        assert!(
+            found.iter().all(|v| v.is_finite()),
+            "{places:?} {ranges:?} {depth} {found:?}"
+        );
     }
-    if let (Ok(found), true) = (two_spheres(&places, ranges, floor), ordinary && floor < 1e12) {
+    if let (Ok(found), true) = (two_spheres(&places, ranges, floor), ordinary && floor.abs() < 1e12) {
         finite("position", found.positive.iter().chain(found.negative.iter()));
     }
     let plan = |v: Vector3<f64>| Vector2::new(v.x, v.y);
     let found = two_circles(plan(places[0]), plan(places[1]), [ranges[0], ranges[1]], floor);
-    if let (Ok(found), true) = (found, ordinary && floor < 1e12) {
+    if let (Ok(found), true) = (found, ordinary && floor.abs() < 1e12) {
         finite("position", found.positive.iter().chain(found.negative.iter()));
     }
 }
