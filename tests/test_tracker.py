@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import pickle
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -417,3 +419,36 @@ def test_every_track_has_the_filter_that_was_asked_for(name):
         tr.MultiTargetTracker(
             motion, {"sonar": sonar}, tr.MofN(2, 3, max_speed=20.0), associator=tr.NearestNeighbour(by="guess")
         )
+
+
+HUGE = """
+import resource
+import numpy as np
+import trackrs as tr
+
+rng = np.random.default_rng(0)
+tracker = tr.MultiTargetTracker(
+    tr.ConstantVelocity(dims=2, accel_psd=0.1),
+    {"radar": tr.PositionSensor(dims=2, std=5.0)},
+    tr.MofN(2, 3, max_speed=30.0),
+)
+place = rng.uniform(-5e3, 5e3, (100, 2))
+for k in range(5):
+    seen = place + rng.normal(0.0, 5.0, (100, 2))
+    clutter = rng.uniform(-5e5, 5e5, (1_000_000 if k > 2 else 0, 2))
+    tracks = tracker.step(tr.Scan(float(k), np.concatenate([seen, clutter]), "radar"))
+held = np.array([track.state.mean[:2] for track in tracks])
+apart = np.linalg.norm(held[:, None] - place[None], axis=2).min(axis=0)
+assert (apart < 20.0).all(), apart.max()
+assert tracker.event_counts.keys() == {"track_limit"}
+assert tracker.ledger.rows_in == 2_000_500
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts memory as Linux does")
+def test_a_million_reports_are_one_scan_more_in_bounded_memory():
+    """100 targets are held through two scans of a million false reports each, in less than a gigabyte."""
+    done = subprocess.run([sys.executable, "-c", HUGE], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) * 1024 < 1_000_000_000
