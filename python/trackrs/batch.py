@@ -50,7 +50,7 @@ class TrackBatch:
     `PositionSensor`, up to three axes, without screen and noise estimation, run several tracks to a register of the
     processor, with the structure of the motion in place of products with its matrix: the results agree with `run` to
     rounding. All other filters are run one track after the other. Either way the bits do not depend on the processor's
-    instructions (the variable TRACKRS_SIMD of the environment chooses between `scalar` and `v3`), on the number of
+    instructions (the variable TRACKRS_SIMD of the environment chooses among `scalar`, `v3` and `v4`), on the number of
     threads, or on the other tracks.
 
     Args:
@@ -130,8 +130,8 @@ class TrackBatch:
             TimeError: `time` is before the tracks'.
             DimensionError: the shape does not fit.
         """
-        z = array(measurements, "measurements", 2)
-        self._core.run(np.array([float(time)]), z[:, np.newaxis].copy(), means=False, covs=False, nis=False)
+        z = array(measurements, "measurements", 2)[:, np.newaxis]
+        self._core.run(np.array([float(time)]), z, means=False, covs=False, nis=False)
 
     def run(self, times: ArrayLike, measurements: ArrayLike, *, covs: bool = False, nis: bool = False) -> BatchRun:
         """Take in T measurements of every track and return all estimates; the tracks then stand at the last of them.

@@ -30,6 +30,12 @@ fn sets() -> Vec<Points> {
     out
 }
 
+fn scattered(n: usize, dims: usize) -> Points {
+    let mut stream = Stream::new(8, n as u64);
+    let values: Vec<f64> = (0..n * dims).map(|_| stream.normal()).collect();
+    Points::new(&values, dims).unwrap()
+}
+
 fn distance(points: &Points, i: usize, j: usize) -> f64 {
     points.distance_squared(i, j).sqrt()
 }
@@ -140,7 +146,9 @@ fn outlier_factors_are_the_definition() {
 /// Labels are those of the nearest means, which is what the iteration ends with.
 #[test]
 fn k_means_ends_where_nothing_changes() {
-    for points in sets() {
+    // Many points are put in another order.
+    let many = [(1_500, 2), (2_001, 3)].map(|(n, dims)| scattered(n, dims));
+    for points in sets().into_iter().chain(many) {
         let (n, dims) = (points.len(), points.dims());
         let k_means = KMeansPartition {
             lower: 5,

@@ -19,8 +19,8 @@ use crate::error::{Error, Result, all_finite, require_finite, require_size};
 use crate::gaussian::Gaussian;
 use crate::lanes::Level;
 use crate::lanes::block::LANES;
-use crate::lanes::kinematic::Outputs;
 use crate::lanes::tracks::{AxisNoise, Lanes, RawStep, lanes};
+use crate::lanes::work::Outputs;
 use crate::linalg::cholesky::Cholesky;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
@@ -242,13 +242,15 @@ impl TrackBatch {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         require_size("measurements", self.tracks * times.len() * m, values.len())?;
         require_finite("times", times)?;
-        if let Some(index) = values.iter().position(|value| value.is_infinite()) {
-            return Err(Error::NonFinite {
-                what: "measurement".into(),
-                index,
-            });
+        if largest(values) > HUGE {
+            if let Some(index) = values.iter().position(|value| value.is_infinite()) {
+                return Err(Error::NonFinite {
+                    what: "measurement".into(),
+                    index,
+                });
+            }
+            self.huge = true;
         }
-        self.huge = self.huge || values.iter().any(|value| value.abs() > HUGE);
         let mut previous = self.time;
         for &time in times {
             if time < previous {
@@ -258,7 +260,8 @@ impl TrackBatch {
             previous = time;
         }
         let rows = self.tracks * times.len();
-        let sized = |wanted: bool, width: usize| vec![f64::NAN; if wanted { rows * width } else { 0 }];
+        // Zeros cost nothing until they are written over, and everything is.
+        let sized = |wanted: bool, width: usize| vec![0.0; if wanted { rows * width } else { 0 }];
         let mut out = BatchRun {
             means: sized(wanted.means, n),
             covs: sized(wanted.covs, n * n),
@@ -355,6 +358,21 @@ impl TrackBatch {
         }
         Ok(())
     }
+}
+
+/// The largest absolute value; what is NaN does not count. Eight at a time, so that they share registers.
+fn largest(values: &[f64]) -> f64 {
+    let larger = |a: f64, b: f64| if b > a { b } else { a };
+    let (blocks, rest) = values.as_chunks::<LANES>();
+    let mut most = [0.0; LANES];
+    for block in blocks {
+        for (most, value) in most.iter_mut().zip(block) {
+            *most = larger(*most, value.abs());
+        }
+    }
+    most.into_iter()
+        .chain(rest.iter().map(|value| value.abs()))
+        .fold(0.0, larger)
 }
 
 /// Dimensions and derivatives of what lanes know.

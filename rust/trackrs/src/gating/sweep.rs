@@ -1,5 +1,8 @@
 //! Reports in the order of one of their components, so that a gate looks only at those its box can hold.
 //!
+//! Where a gate's box begins is looked up: the component's range is cut into as many equal bins as there are reports, and of
+//! each the first report is known; in a full bin it is found by bisection.
+//!
 //! The component is the one in which the reports spread most, counted in standard deviations of the sensor's noise. Angles
 //! have a seam and rotations no order: they are passed over. Reports without the component are looked at by every gate, and
 //! so are all of them where there is no component to go by.
@@ -23,6 +26,11 @@ pub(crate) struct Sweep {
     component: Option<usize>,
     /// The component and the report.
     order: Vec<(f64, usize)>,
+    /// Where in this order each bin begins, and the end.
+    starts: Vec<usize>,
+    /// The component at which the first bin begins, and bins per unit of it.
+    first: f64,
+    density: f64,
     /// Reports that every gate looks at.
     anywhere: Vec<usize>,
 }
@@ -40,21 +48,47 @@ impl Sweep {
             }
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        self.cut();
+    }
+
+    /// Cuts the range into bins.
+    fn cut(&mut self) {
+        let count = self.order.len();
+        let ends = self.order.first().zip(self.order.last());
+        let (first, last) = ends.map_or((0.0, 0.0), |(first, last)| (first.0, last.0));
+        let density = count as f64 / (last - first);
+        // Reports in one place, or farther apart than numbers reach, are in one bin.
+        (self.first, self.density) = (first, if density.is_finite() { density } else { 0.0 });
+        self.starts.clear();
+        for at in 0..count {
+            let bin = self.bin(self.order[at].0);
+            self.starts.resize(self.starts.len().max(bin + 1), at);
+        }
+        self.starts.resize(count + 1, count);
+    }
+
+    /// The bin of a number; it does not decrease with the number.
+    fn bin(&self, key: f64) -> usize {
+        // What is below the first bin is in it, and so is NaN; what is beyond the last one is in that.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let bin = ((key - self.first) * self.density) as usize;
+        bin.min(self.order.len().saturating_sub(1))
     }
 
     /// The reports that a box of these half widths may hold, and perhaps others.
     pub(crate) fn near<'s>(&'s self, center: &[f64], half_widths: &[f64]) -> impl Iterator<Item = usize> + use<'s> {
-        let mut inside = &self.order[..];
+        let (mut from, mut limit) = (0, f64::NAN);
         if let Some(component) = self.component {
             let (low, high) = reach(center[component], half_widths[component]).into_inner();
-            let from = inside.partition_point(|&(key, _)| key < low);
-            inside = &inside[from..];
-            // A NaN keeps everything.
-            let to = inside.partition_point(|&(key, _)| key <= high || high.is_nan());
-            inside = &inside[..to];
+            let bin = self.bin(low);
+            let (begin, end) = (self.starts[bin], self.starts[(bin + 1).min(self.order.len())]);
+            from = begin + self.order[begin..end].partition_point(|&(key, _)| key < low);
+            limit = high;
         }
+        let inside = self.order[from..].iter();
         inside
-            .iter()
+            // A NaN keeps everything.
+            .take_while(move |&&(key, _)| key <= limit || limit.is_nan())
             .map(|&(_, report)| report)
             .chain(self.anywhere.iter().copied())
     }

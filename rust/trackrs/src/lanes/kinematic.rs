@@ -25,10 +25,9 @@
 //!
 //! Reference: Bar-Shalom, Li, Kirubarajan (2001), §5.2 and §7.3 (Joseph form).
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
-use super::block::{Block, LANES, at};
-use super::transport::{gather, lanes_of, load, scatter, scatter_symmetric};
+use super::block::at;
 
 /// A time step and the noise that gathers in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,90 +36,6 @@ pub struct Step<const D: usize> {
     pub dt: f64,
     /// Per pair of blocks, in the order pp, vp, vv, ap, av, aa, one number per axis.
     pub noise: [[f64; D]; 6],
-}
-
-/// What the filter gives for every track and step; tracks first, then steps. Parts that are not wanted are empty.
-#[derive(Debug, Default)]
-pub struct Outputs<'a> {
-    /// N each.
-    pub means: &'a mut [f64],
-    /// N×N each.
-    pub covs: &'a mut [f64],
-    /// One each; NaN where nothing was observed.
-    pub nis: &'a mut [f64],
-}
-
-/// Some steps of some blocks.
-pub(crate) struct Work<'a, const D: usize, const K: usize, const N: usize, const PN: usize> {
-    pub(crate) blocks: &'a mut [Block<N, PN>],
-    /// Tracks in these blocks; the rest of the last one fills it up.
-    pub(crate) tracks: usize,
-    pub(crate) steps: &'a [Step<D>],
-    pub(crate) sensor: &'a [f64; D],
-    /// Measurements, D each, track after track, step after step.
-    pub(crate) values: &'a [f64],
-    pub(crate) out: Outputs<'a>,
-    /// Per track: how often it kept its prediction because of a pivot.
-    pub(crate) failures: &'a mut [u64],
-}
-
-impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd for Work<'_, D, K, N, PN> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            blocks,
-            tracks,
-            steps,
-            sensor,
-            values,
-            out,
-            failures,
-        } = self;
-        let count = steps.len();
-        let width = S::F64_LANES;
-        for (b, block) in blocks.iter_mut().enumerate() {
-            for register in 0..LANES / width {
-                let first = b * LANES + register * width;
-                if first >= tracks {
-                    break;
-                }
-                let used = width.min(tracks - first);
-                let mut x = load::<S, N>(simd, &block.mean, register);
-                let mut p = load::<S, PN>(simd, &block.cov, register);
-                let mut failed = simd.splat_f64s(0.0);
-                for (t, step) in steps.iter().enumerate() {
-                    let z = gather::<S, D>(simd, values, first, used, count, t);
-                    predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
-                    let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
-                    failed = simd.add_f64s(failed, found.failed);
-                    if !out.means.is_empty() {
-                        scatter::<S, N>(out.means, &x, first, used, count, t);
-                    }
-                    if !out.covs.is_empty() {
-                        scatter_symmetric::<S, N, PN>(out.covs, &p, first, used, count, t);
-                    }
-                    if !out.nis.is_empty() {
-                        scatter::<S, 1>(out.nis, &[found.nis], first, used, count, t);
-                    }
-                }
-                for (to, from) in block.mean.iter_mut().zip(x) {
-                    S::as_mut_simd_f64s(&mut to.0).0[register] = from;
-                }
-                for (to, from) in block.cov.iter_mut().zip(p) {
-                    S::as_mut_simd_f64s(&mut to.0).0[register] = from;
-                }
-                let lanes = lanes_of::<S>(failed);
-                for (count, lane) in failures[first..first + used].iter_mut().zip(lanes.0) {
-                    // A whole number of steps.
-                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-                    let steps = lane as u64;
-                    *count += steps;
-                }
-            }
-        }
-    }
 }
 
 // Indices are found without the checks of the profile: with them the loops over three axes are not unrolled, and a step
@@ -158,7 +73,7 @@ fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
 
 /// Equations 1 and 2.
 #[inline(always)]
-fn predict<S: Simd, const D: usize, const K: usize, const N: usize, const PN: usize>(
+pub(super) fn predict<S: Simd, const D: usize, const K: usize, const N: usize, const PN: usize>(
     simd: S,
     x: &mut [S::f64s; N],
     p: &mut [S::f64s; PN],
@@ -259,15 +174,15 @@ fn predict<S: Simd, const D: usize, const K: usize, const N: usize, const PN: us
 }
 
 /// What an update tells besides.
-struct Found<S: Simd> {
-    nis: S::f64s,
+pub(super) struct Found<S: Simd> {
+    pub(super) nis: S::f64s,
     /// 1 where a pivot was not positive.
-    failed: S::f64s,
+    pub(super) failed: S::f64s,
 }
 
 /// Equations 3 to 6.
 #[inline(always)]
-fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
+pub(super) fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
     simd: S,
     x: &mut [S::f64s; N],
     p: &mut [S::f64s; PN],

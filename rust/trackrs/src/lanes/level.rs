@@ -14,16 +14,19 @@ pub enum Level {
     Scalar,
     /// Four: AVX2.
     V3,
+    /// Eight: AVX-512.
+    V4,
 }
 
 impl Level {
-    const ALL: [Self; 2] = [Self::V3, Self::Scalar];
+    const ALL: [Self; 3] = [Self::V4, Self::V3, Self::Scalar];
 
     /// Its name, as the variable of the environment has it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Scalar => "scalar",
             Self::V3 => "v3",
+            Self::V4 => "v4",
         }
     }
 
@@ -65,6 +68,7 @@ impl Level {
         match self {
             Self::Scalar => Some(Arch::Scalar),
             Self::V3 => pulp::x86::V3::try_new().map(Arch::V3),
+            Self::V4 => pulp::x86::V4::try_new().map(Arch::V4),
         }
     }
 

@@ -13,5 +13,6 @@ pub mod kinematic;
 pub mod level;
 pub(crate) mod tracks;
 mod transport;
+pub mod work;
 
 pub use level::Level;

@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use super::Level;
 use super::block::{Block, LANES};
-use super::kinematic::{Outputs, Step, Work};
+use super::kinematic::Step;
+use super::work::{Outputs, Work};
 
 /// Per pair of blocks and axis; see [`Step::noise`]. Axes beyond those of the motion do not count.
 pub(crate) type AxisNoise = [[f64; 3]; 6];

@@ -28,12 +28,12 @@ pub(super) fn load<S: Simd, const N: usize>(simd: S, lanes: &[Lane; N], register
     out
 }
 
-/// The lanes of a register.
+/// Registers into lanes.
 #[inline(always)]
-pub(super) fn lanes_of<S: Simd>(register: S::f64s) -> Lane {
-    let mut lane = Lane([0.0; LANES]);
-    S::as_mut_simd_f64s(&mut lane.0).0[0] = register;
-    lane
+pub(super) fn store<S: Simd, const N: usize>(lanes: &mut [Lane; N], registers: &[S::f64s; N], register: usize) {
+    for (to, from) in lanes.iter_mut().zip(registers) {
+        S::as_mut_simd_f64s(&mut to.0).0[register] = *from;
+    }
 }
 
 /// The measurements of some tracks at one step; lanes beyond them are not observed.
@@ -47,6 +47,8 @@ pub(super) fn gather<S: Simd, const D: usize>(
     t: usize,
 ) -> [S::f64s; D] {
     let mut lanes = [Lane([f64::NAN; LANES]); D];
+    // Where all lanes are used their number is known to the compiler.
+    let used = if used == S::F64_LANES { S::F64_LANES } else { used };
     for lane in 0..used {
         let begin = place(first, lane, steps, t, D);
         for (to, from) in lanes.iter_mut().zip(&values[begin..begin.wrapping_add(D)]) {

@@ -25,7 +25,6 @@ use super::index::{Index, square_of_bound};
 use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, quantile};
 use crate::error::{Error, Result, require_non_negative, require_positive};
-use crate::lanes::Level;
 use serde::{Deserialize, Serialize};
 
 /// Beyond this argument exp(−x) is zero.
@@ -120,13 +119,12 @@ impl DensityPeakPartition {
     pub(crate) fn explain_indexed(&self, index: &Index<'_>) -> Result<DensityPeaks> {
         self.check()?;
         let d_c = self.scale(index)?;
-        let arch = Level::chosen_arch()?;
-        let rho = arch.dispatch(|| densities(index, d_c, self.kernel));
+        let rho = densities(index, d_c, self.kernel);
         // Densities are not negative, so their bits are in their order.
         let mut keys: Vec<(u64, usize)> = rho.iter().map(|rho| !rho.to_bits()).zip(0..).collect();
         keys.sort_unstable();
         let order: Vec<usize> = keys.iter().map(|&(_, i)| i).collect();
-        let Links { delta, nearest_denser } = arch.dispatch(|| links(index, &order));
+        let Links { delta, nearest_denser } = links(index, &order);
         let gamma: Vec<f64> = rho.iter().zip(&delta).map(|(rho, delta)| rho * delta).collect();
         let peaks = self.choose(&order, &delta, &gamma, d_c);
         let mut found = DensityPeaks {
@@ -244,7 +242,6 @@ fn before_gap(peaks: &[usize], gamma: &[f64]) -> usize {
     count
 }
 
-#[inline(always)]
 fn densities(index: &Index<'_>, d_c: f64, kernel: Kernel) -> Vec<f64> {
     // Not zero, lest coincident points give 0/0.
     let squared = (d_c * d_c).max(f64::MIN_POSITIVE);
@@ -303,7 +300,6 @@ struct Links {
 }
 
 /// The nearest denser point of every point. A node whose densest point is not denser is skipped.
-#[inline(always)]
 fn links(index: &Index<'_>, order: &[usize]) -> Links {
     let n = order.len();
     // Ranks as numbers that can be compared in the lanes of the distances.

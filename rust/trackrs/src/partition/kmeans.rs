@@ -11,18 +11,23 @@
 //!    100 times. Empty clusters vanish.
 //!
 //! A point is not looked at again until the centres have moved far enough to change its label: twice the largest moves,
-//! summed, must reach what its second nearest centre was farther away than its own at the last look.
+//! summed, must reach what its second nearest centre was farther away than its own at the last look. Points are looked at
+//! in blocks; many of them are put in the order of that gap first, so that those between two centres share blocks.
 //!
 //! The run of K draws from stream (seed, K), so that it does not depend on the range.
 //!
 //! Reference: Arthur, Vassilvitskii 2007; Lloyd 1982; G. Hamerly, *Making k-means even faster*, SDM 2010, for the bounds;
 //! spec 6.2.
 
-use super::points::{Partition, Points, squared};
+mod seeds;
+
+use self::seeds::seeds;
+use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, require_few};
 use crate::error::{Error, Result};
 use crate::lanes::Level;
 use crate::stats::stream::Stream;
+use pulp::{Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 const MAX_ITERATIONS: usize = 100;
@@ -30,6 +35,10 @@ const MAX_ITERATIONS: usize = 100;
 const ROUNDING: f64 = 1e-12;
 /// Points that are labelled at once.
 const LANES: usize = 8;
+/// So many points are put in order: fewer are labelled before that would be done.
+const MANY: usize = 1024;
+/// Gaps are ordered by the leading bits of a 32-bit number, but for the sign: exponent and four more.
+const LEADING: u32 = 12;
 
 /// K-means for every K of a range, one partition each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -97,9 +106,10 @@ pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Result<
     let centres = seeds(points, k.min(points.len()), stream);
     let mut lloyd = Lloyd {
         points,
-        axes: (0..dims)
-            .flat_map(|axis| points.values().iter().skip(axis).step_by(dims).copied())
-            .collect(),
+        axes: Vec::new(),
+        order: (0..points.len()).collect(),
+        gaps: vec![[0.0; LANES]; points.len().div_ceil(LANES)],
+        names: vec![[f64::NAN; LANES]; points.len().div_ceil(LANES)],
         labels: vec![usize::MAX; points.len()],
         sums: vec![0.0; centres.len()],
         counts: vec![0; centres.len() / dims],
@@ -107,8 +117,12 @@ pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Result<
         limits: vec![0.0; points.len().div_ceil(LANES)],
         drift: 0.0,
     };
-    for _ in 0..MAX_ITERATIONS {
-        if !arch.dispatch(|| lloyd.relabel()) {
+    lloyd.gather();
+    for iteration in 0..MAX_ITERATIONS {
+        if iteration == 1 && points.len() >= MANY {
+            lloyd.sort();
+        }
+        if !arch.dispatch(Relabel(&mut lloyd)) {
             // Sums that are kept up to date gather roundings; the last centres are means of sums taken afresh.
             lloyd.sum();
             if lloyd.centre() {
@@ -124,8 +138,14 @@ pub(crate) fn cluster(points: &Points, k: usize, stream: &mut Stream) -> Result<
 /// The state of the iteration. Points are looked at in blocks of `LANES`.
 struct Lloyd<'a> {
     points: &'a Points,
-    /// Coordinates axis by axis, so that the same entry of several points stands in one register.
+    /// The points in the order in which they stand in blocks.
+    order: Vec<usize>,
+    /// Their coordinates axis by axis, so that the same entry of several points stands in one register.
     axes: Vec<f64>,
+    /// In the same order, what their second nearest centre was farther away than their own at the last look, and their
+    /// labels as numbers; in the last block anything behind the last point.
+    gaps: Vec<[f64; LANES]>,
+    names: Vec<[f64; LANES]>,
     labels: Vec<usize>,
     centres: Vec<f64>,
     /// Sums and numbers of the points of each centre.
@@ -138,7 +158,61 @@ struct Lloyd<'a> {
     drift: f64,
 }
 
+/// One pass over the points, compiled for every level.
+struct Relabel<'a, 'b>(&'a mut Lloyd<'b>);
+
+impl WithSimd for Relabel<'_, '_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        self.0.relabel()
+    }
+}
+
 impl Lloyd<'_> {
+    /// Puts coordinates and names in order.
+    fn gather(&mut self) {
+        let (points, order) = (self.points, &self.order);
+        self.axes.clear();
+        for axis in 0..points.dims() {
+            self.axes.extend(order.iter().map(|&i| points.point(i)[axis]));
+        }
+        for (name, &i) in self.names.as_flattened_mut().iter_mut().zip(order) {
+            *name = self.labels[i] as f64;
+        }
+    }
+
+    /// Puts the points in the order of their gaps, roughly, and finds the limits of the blocks anew. All have just been
+    /// looked at, at a drift of 0.
+    fn sort(&mut self) {
+        let key = |gap: f64| {
+            // A gap that is negative by rounding is none; the sign is 0.
+            #[allow(clippy::cast_possible_truncation)]
+            let narrow = gap.max(0.0) as f32;
+            (narrow.to_bits() >> (31 - LEADING)) as usize
+        };
+        let all = self.gaps.as_flattened();
+        let mut places = vec![0; (1 << LEADING) + 1];
+        for &gap in &all[..self.order.len()] {
+            places[key(gap) + 1] += 1;
+        }
+        for k in 0..1 << LEADING {
+            places[k + 1] += places[k];
+        }
+        let (mut order, mut gaps) = (vec![0; self.order.len()], self.gaps.clone());
+        for (&i, &gap) in self.order.iter().zip(all) {
+            let place = &mut places[key(gap)];
+            (order[*place], gaps.as_flattened_mut()[*place]) = (i, gap);
+            *place += 1;
+        }
+        (self.order, self.gaps) = (order, gaps);
+        self.gather();
+        for (limit, gaps) in self.limits.iter_mut().zip(&self.gaps) {
+            *limit = gaps.iter().copied().fold(f64::INFINITY, f64::min) * (1.0 - ROUNDING);
+        }
+    }
+
     /// Gives every point the label of its closest centre, and says whether any has changed.
     #[inline(always)]
     fn relabel(&mut self) -> bool {
@@ -177,24 +251,31 @@ impl Lloyd<'_> {
                     closest.offer(&squares, k as f64);
                 }
             }
-            let mut gap = f64::INFINITY;
-            for (lane, i) in here.enumerate() {
-                let (own, other) = (closest.squares[lane].sqrt(), closest.seconds[lane].sqrt());
-                gap = gap.min(other * (1.0 - ROUNDING) - own);
-                let (old, new) = (self.labels[i], index_of(closest.labels[lane]));
-                if old != new {
-                    changed = true;
-                    self.pass_on(i, old, new);
+            let mut least = f64::INFINITY;
+            let mut same = true;
+            for lane in 0..LANES {
+                let gap = closest.seconds[lane].sqrt() * (1.0 - ROUNDING) - closest.squares[lane].sqrt();
+                self.gaps[block][lane] = gap;
+                least = if gap < least { gap } else { least };
+                same &= closest.labels[lane] == self.names[block][lane];
+            }
+            self.limits[block] = (self.drift + least) * (1.0 - ROUNDING);
+            if !same {
+                self.names[block] = closest.labels;
+                for (lane, place) in here.enumerate() {
+                    changed |= self.pass_on(self.order[place], index_of(closest.labels[lane]));
                 }
             }
-            self.limits[block] = (self.drift + gap) * (1.0 - ROUNDING);
         }
         changed
     }
 
-    /// Point `i` goes from one centre to another.
-    fn pass_on(&mut self, i: usize, old: usize, new: usize) {
-        let (dims, row) = (self.points.dims(), self.points.point(i));
+    /// Point `i` goes to this centre; whether it was at another one.
+    fn pass_on(&mut self, i: usize, new: usize) -> bool {
+        let (dims, row, old) = (self.points.dims(), self.points.point(i), self.labels[i]);
+        if old == new {
+            return false;
+        }
         if let Some(count) = self.counts.get_mut(old) {
             *count -= 1;
             for (sum, x) in self.sums[old * dims..].iter_mut().zip(row) {
@@ -206,6 +287,7 @@ impl Lloyd<'_> {
             *sum += x;
         }
         self.labels[i] = new;
+        true
     }
 
     /// The sums, afresh.
@@ -259,6 +341,7 @@ impl Lloyd<'_> {
         for label in &mut self.labels {
             *label = names[*label];
         }
+        self.gather();
     }
 }
 
@@ -292,43 +375,4 @@ impl Closest {
             *best = if nearer { square } else { *best };
         }
     }
-}
-
-/// The first centres, row by row.
-fn seeds(points: &Points, k: usize, stream: &mut Stream) -> Vec<f64> {
-    let n = points.len();
-    let mut centres = Vec::with_capacity(k * points.dims());
-    let indices: Vec<usize> = (0..n).collect();
-    let mut nearest = vec![f64::INFINITY; n];
-    let mut total = 0.0;
-    for number in 0..k {
-        let chosen = if number == 0 || total == 0.0 {
-            stream.choice(&indices).copied().unwrap_or(0)
-        } else {
-            weighted(&nearest, stream.uniform() * total)
-        };
-        let centre = points.point(chosen);
-        centres.extend_from_slice(centre);
-        total = 0.0;
-        for (row, d2) in points.values().chunks_exact(points.dims()).zip(&mut nearest) {
-            *d2 = d2.min(squared(row, centre));
-            total += *d2;
-        }
-    }
-    centres
-}
-
-/// The first index at which the sum of the weights exceeds `target`.
-fn weighted(weights: &[f64], target: f64) -> usize {
-    let (mut sum, mut last) = (0.0, 0);
-    for (i, &weight) in weights.iter().enumerate() {
-        if weight > 0.0 {
-            sum += weight;
-            last = i;
-            if sum > target {
-                break;
-            }
-        }
-    }
-    last
 }

@@ -28,7 +28,6 @@ use serde::{Deserialize, Serialize};
 use super::index::{Index, LEAF};
 use super::points::Points;
 use crate::error::{Error, Result, require_positive};
-use crate::lanes::Level;
 
 /// Neighbours that are kept per point.
 const KEPT: usize = 32;
@@ -74,10 +73,9 @@ impl LocalOutlierFactor {
         }
         require_positive("threshold", self.threshold)?;
         let index = Index::new(points);
-        let arch = Level::chosen_arch()?;
         let n = points.len();
         let k = self.n_neighbors.min(n.saturating_sub(1));
-        let around = arch.dispatch(|| Neighbours::new(&index, k, self.include_ties));
+        let around = Neighbours::new(&index, k, self.include_ties);
         let k_distance: Vec<f64> = around.bounds.iter().map(|bound| libm::sqrt(bound.0)).collect();
         let mut density = vec![f64::INFINITY; n];
         for (at, lrd) in density.iter_mut().enumerate() {
@@ -117,6 +115,10 @@ impl LocalOutlierFactor {
     }
 }
 
+/// More than what the roundings of a sum of two distances can do, relative.
+const ROUNDING: f64 = 1e-12;
+const TINY: f64 = 1e-280;
+
 /// Bits of a squared distance, and the place of that point.
 type Found = (u64, usize);
 
@@ -131,7 +133,6 @@ struct Neighbours<'a> {
 }
 
 impl<'a> Neighbours<'a> {
-    #[inline(always)]
     fn new(index: &'a Index<'a>, k: usize, include_ties: bool) -> Self {
         let n = index.order.len();
         let mut out = Self {
@@ -164,7 +165,7 @@ impl<'a> Neighbours<'a> {
         let query = index.points.point(index.order[at]);
         let mut full = k + 1 + 2 * LEAF;
         let mut count = 0;
-        let mut limit = f64::INFINITY;
+        let mut limit = self.farthest_at_most(at, query);
         index.descend(query, |node, reach| {
             // Where more than k points coincide, their neighbours do not matter.
             if reach.nearest > limit || limit == 0.0 {
@@ -204,6 +205,21 @@ impl<'a> Neighbours<'a> {
         let last = ties.map(|&(_, place)| index.order[place]).max().unwrap_or(0);
         let last = if include_ties { usize::MAX } else { last };
         ((f64::from_bits(farthest), last), count)
+    }
+
+    /// A squared distance within which point `at` has its k neighbours: those of the point before it in the index, which is
+    /// near, are not farther than that point and its farthest one together. Infinite where that says nothing.
+    fn farthest_at_most(&self, at: usize, query: &[f64]) -> f64 {
+        let Some((before, &(farthest, _))) = at
+            .checked_sub(1)
+            .and_then(|before| Some((before, self.bounds.get(before)?)))
+        else {
+            return f64::INFINITY;
+        };
+        let most = libm::sqrt(farthest) + libm::sqrt(self.index.square(before, query));
+        let square = most * most * (1.0 + ROUNDING);
+        // Squares so small have lost their digits.
+        if square > TINY { square } else { f64::INFINITY }
     }
 
     /// Puts the k nearest and the point itself first, the farthest of them at `k`; returns how many count.

@@ -52,7 +52,9 @@ impl Workspace {
         let mut kept = 0;
         for index in 0..tracks.len() {
             if stays(&tracks[index]) {
-                tracks.swap(kept, index);
+                if kept < index {
+                    tracks.swap(kept, index);
+                }
                 kept += 1;
             }
         }

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::filter::sequence::{Filter, History, InitialState};
 use crate::gaussian::Gaussian;
 use crate::lanes::block::LANES;
-use crate::lanes::kinematic::Outputs;
+use crate::lanes::work::Outputs;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
 /// Tracks one after the other.

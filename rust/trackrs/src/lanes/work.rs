@@ -1,0 +1,98 @@
+//! Steps of many tracks, one register of them after the other.
+//!
+//! A step of one register is a long chain in which every result waits for the one before: two divisions, two substitutions,
+//! the Joseph form. Blocks are therefore taken in pairs, step by step, so that the processor has a second chain to
+//! work at; between its steps a block stands in the nearest cache.
+
+use pulp::{Simd, WithSimd};
+
+use super::block::{Block, LANES, Lane};
+use super::kinematic::{Step, predict, update};
+use super::transport::{gather, load, scatter, scatter_symmetric, store};
+
+/// Blocks that are taken together.
+const TOGETHER: usize = 2;
+
+/// What the filter gives for every track and step; tracks first, then steps. Parts that are not wanted are empty.
+#[derive(Debug, Default)]
+pub struct Outputs<'a> {
+    /// N each.
+    pub means: &'a mut [f64],
+    /// N×N each.
+    pub covs: &'a mut [f64],
+    /// One each; NaN where nothing was observed.
+    pub nis: &'a mut [f64],
+}
+
+/// Some steps of some blocks.
+pub(crate) struct Work<'a, const D: usize, const K: usize, const N: usize, const PN: usize> {
+    pub(crate) blocks: &'a mut [Block<N, PN>],
+    /// Tracks in these blocks; the rest of the last one fills it up.
+    pub(crate) tracks: usize,
+    pub(crate) steps: &'a [Step<D>],
+    pub(crate) sensor: &'a [f64; D],
+    /// Measurements, D each, track after track, step after step.
+    pub(crate) values: &'a [f64],
+    pub(crate) out: Outputs<'a>,
+    /// Per track: how often it kept its prediction because of a pivot.
+    pub(crate) failures: &'a mut [u64],
+}
+
+impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd for Work<'_, D, K, N, PN> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self {
+            blocks,
+            tracks,
+            steps,
+            sensor,
+            values,
+            out,
+            failures,
+        } = self;
+        let count = steps.len();
+        let width = S::F64_LANES;
+        for (pair, blocks) in blocks.chunks_mut(TOGETHER).enumerate() {
+            let begin = pair * TOGETHER * LANES;
+            let mut failed = [Lane([0.0; LANES]); TOGETHER];
+            for (t, step) in steps.iter().enumerate() {
+                for (b, block) in blocks.iter_mut().enumerate() {
+                    for register in 0..LANES / width {
+                        let first = begin + b * LANES + register * width;
+                        if first >= tracks {
+                            break;
+                        }
+                        let used = width.min(tracks - first);
+                        let z = gather::<S, D>(simd, values, first, used, count, t);
+                        let mut x = load::<S, N>(simd, &block.mean, register);
+                        let mut p = load::<S, PN>(simd, &block.cov, register);
+                        predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
+                        let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
+                        store::<S, N>(&mut block.mean, &x, register);
+                        store::<S, PN>(&mut block.cov, &p, register);
+                        let failures = &mut S::as_mut_simd_f64s(&mut failed[b].0).0[register];
+                        *failures = simd.add_f64s(*failures, found.failed);
+                        if !out.means.is_empty() {
+                            scatter::<S, N>(out.means, &x, first, used, count, t);
+                        }
+                        if !out.covs.is_empty() {
+                            scatter_symmetric::<S, N, PN>(out.covs, &p, first, used, count, t);
+                        }
+                        if !out.nis.is_empty() {
+                            scatter::<S, 1>(out.nis, &[found.nis], first, used, count, t);
+                        }
+                    }
+                }
+            }
+            for (count, &lane) in failures[begin..].iter_mut().zip(failed.iter().flat_map(|lane| &lane.0)) {
+                // A whole number of steps.
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                if lane != 0.0 {
+                    *count += lane as u64;
+                }
+            }
+        }
+    }
+}
