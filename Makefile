@@ -19,7 +19,7 @@ TEST_FLAGS := --release --locked --workspace --config profile.release.package.tr
 # maturin tells pyo3 about the interpreter through these; with other values pyo3 would be compiled again at every turn.
 PYO3_ENV = PYO3_BUILD_EXTENSION_MODULE=1 PYO3_CONFIG_FILE=$(shell ls -t $(TARGET)/maturin/pyo3-config-*.txt | head -1)
 
-.PHONY: help demo test test-rust test-python lint quick bench docs soak clean
+.PHONY: help demo test test-rust test-python coverage lint quick bench docs soak clean
 .NOTPARALLEL:
 
 help: ## list the targets
@@ -36,6 +36,15 @@ test-rust: $(VENV)/.package
 
 test-python: $(VENV)/.package $(VENV)/.dev
 	$(BIN)/python -m pytest
+
+# Branches are counted by an option that the compiler still calls unstable, hence RUSTC_BOOTSTRAP. What reads the counts is
+# LLVM's own: rustup's component llvm-tools or, where that is not installed, the same version from PyPI.
+coverage: $(VENV)/.coverage ## branches of the core that the Rust tests reach; fails below 90 %
+	@command -v cargo-llvm-cov > /dev/null || { echo 'make coverage needs cargo-llvm-cov, and it is not here: cargo install --locked cargo-llvm-cov@0.9.1' >&2; exit 1; }
+	tools="$$(rustc --print target-libdir)/../bin"; test -x "$$tools/llvm-cov" || tools=$$(echo $(BIN)/../lib/python3*/site-packages/llvm/bin); \
+	export RUSTC_BOOTSTRAP=1 TRACKRS_FUZZ_CASES=2000 LLVM_COV="$$tools/llvm-cov" LLVM_PROFDATA="$$tools/llvm-profdata"; \
+	cargo llvm-cov --branch --json --output-path $(TARGET)/coverage.json --no-cfg-coverage --no-cfg-coverage-nightly --release --locked -p trackrs
+	$(BIN)/python tests/core_coverage.py $(TARGET)/coverage.json
 
 lint: quick docs ## formatting, clippy, rustdoc, ruff, mypy, stubs
 	$(PYO3_ENV) cargo clippy --release --locked --workspace --all-targets -- -D warnings
@@ -92,6 +101,10 @@ $(VENV)/.run: $(VENV)/.pip pyproject.toml
 
 $(VENV)/.package: $(VENV)/.run $(RUST_SOURCES)
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) PIP_QUIET=1 $(BIN)/maturin develop --release --group run
+	@touch $@
+
+$(VENV)/.coverage: $(VENV)/.pip pyproject.toml
+	@test -x "$$(rustc --print target-libdir)/../bin/llvm-cov" || $(BIN)/python -m pip -q install --group coverage
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.pip pyproject.toml

@@ -23,6 +23,7 @@ use nalgebra::DMatrix;
 use super::near::{Near, distances, matched, near};
 use super::ospa::{cutoff_power, power, root};
 use crate::error::{Error, Result, all_finite, require_size};
+use crate::interrupt::ahead;
 use crate::linalg::cholesky::Cholesky;
 
 /// Far beyond what a singular value decomposition of an extent needs.
@@ -79,6 +80,7 @@ pub fn gospa_of_extents(
     require_size("extents of the truth", m, truth.extents.len())?;
     require_size("extents of the estimates", n, estimates.extents.len())?;
     for (i, x) in truth.extents.iter().enumerate() {
+        ahead(100 * n);
         for (j, y) in estimates.extents.iter().enumerate() {
             let d = &mut apart[i * n + j];
             *d = (*d * *d + wasserstein_squared(x, y)?).sqrt();

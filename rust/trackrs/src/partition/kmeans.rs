@@ -21,6 +21,7 @@
 use super::points::{Partition, Points, squared};
 use super::{Partitioner, all_labelled, require_few};
 use crate::error::{Error, Result};
+use crate::interrupt::ahead;
 use crate::lanes::Level;
 use crate::stats::stream::Stream;
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,8 @@ const MAX_ITERATIONS: usize = 100;
 const ROUNDING: f64 = 1e-12;
 /// Points that are labelled at once.
 const LANES: usize = 8;
+/// After so many blocks it is asked whether to go on.
+const PAUSE: usize = 64;
 
 /// K-means for every K of a range, one partition each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -145,6 +148,9 @@ impl Lloyd<'_> {
         let (n, dims) = (self.labels.len(), self.points.dims());
         let mut changed = false;
         for block in 0..self.limits.len() {
+            if block % PAUSE == 0 {
+                ahead(PAUSE * LANES * self.centres.len());
+            }
             if self.drift < self.limits[block] {
                 continue;
             }
@@ -302,6 +308,7 @@ fn seeds(points: &Points, k: usize, stream: &mut Stream) -> Vec<f64> {
     let mut nearest = vec![f64::INFINITY; n];
     let mut total = 0.0;
     for number in 0..k {
+        ahead(n);
         let chosen = if number == 0 || total == 0.0 {
             stream.choice(&indices).copied().unwrap_or(0)
         } else {
