@@ -38,11 +38,13 @@ test-python: $(VENV)/.package $(VENV)/.dev
 	$(BIN)/python -m pytest
 
 # Branches are counted by an option that the compiler still calls unstable, hence RUSTC_BOOTSTRAP. What reads the counts is
-# LLVM's own: rustup's component llvm-tools or, where that is not installed, the same version from PyPI.
-coverage: $(VENV)/.coverage ## branches of the core that the Rust tests reach; fails below 90 %
+# LLVM's own: rustup's component or, where that is not installed, a distribution's (19 and newer know the format).
+coverage: $(VENV)/.pip ## branches of the core that the Rust tests reach; fails below 90 %
 	@command -v cargo-llvm-cov > /dev/null || { echo 'make coverage needs cargo-llvm-cov, and it is not here: cargo install --locked cargo-llvm-cov@0.9.1' >&2; exit 1; }
-	tools="$$(rustc --print target-libdir)/../bin"; test -x "$$tools/llvm-cov" || tools=$$(echo $(BIN)/../lib/python3*/site-packages/llvm/bin); \
-	export RUSTC_BOOTSTRAP=1 TRACKRS_FUZZ_CASES=2000 LLVM_COV="$$tools/llvm-cov" LLVM_PROFDATA="$$tools/llvm-profdata"; \
+	@tools="$$(rustc --print target-libdir)/../bin"; cov="$$tools/llvm-cov"; profdata="$$tools/llvm-profdata"; \
+	for n in 19 20 21 22; do test -x "$$cov" || { cov=$$(command -v llvm-cov-$$n); profdata=$$(command -v llvm-profdata-$$n); }; done; \
+	test -x "$$cov" && test -x "$$profdata" || { echo 'make coverage needs llvm-cov and llvm-profdata, and they are not here: rustup component add llvm-tools (Debian, Ubuntu: apt-get install llvm-19)' >&2; exit 1; }; \
+	export RUSTC_BOOTSTRAP=1 TRACKRS_FUZZ_CASES=2000 LLVM_COV="$$cov" LLVM_PROFDATA="$$profdata"; \
 	cargo llvm-cov --branch --json --output-path $(TARGET)/coverage.json --no-cfg-coverage --no-cfg-coverage-nightly --release --locked -p trackrs
 	$(BIN)/python tests/core_coverage.py $(TARGET)/coverage.json
 
@@ -101,10 +103,6 @@ $(VENV)/.run: $(VENV)/.pip pyproject.toml
 
 $(VENV)/.package: $(VENV)/.run $(RUST_SOURCES)
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) PIP_QUIET=1 $(BIN)/maturin develop --release --group run
-	@touch $@
-
-$(VENV)/.coverage: $(VENV)/.pip pyproject.toml
-	@test -x "$$(rustc --print target-libdir)/../bin/llvm-cov" || $(BIN)/python -m pip -q install --group coverage
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.pip pyproject.toml

@@ -54,11 +54,15 @@ def main(path: str, details: bool) -> int:
     for file in export["files"]:
         if part(file["filename"]) is not None:
             lines.update({key: file["summary"]["lines"][key] for key in ("count", "covered")})
+
+    def row(name: str, part: int, whole: int) -> str:
+        return f"{name:12} {part:6} of {whole:6}  {100 * part / max(whole, 1):5.1f} %"
+
     for module in sorted(every):
-        print(f"{module:12} {reached[module]:6} of {every[module]:6}  {100 * reached[module] / every[module]:5.1f} %")
+        print(row(module, reached[module], every[module]))
+    print(row("lines", lines["covered"], lines["count"]))
+    print(f"{row('branches', reached.total(), every.total())}, at least {BAR} % are asked for")
     total = 100 * reached.total() / max(every.total(), 1)
-    print(f"lines        {lines['covered']:6} of {lines['count']:6}  {100 * lines['covered'] / max(lines['count'], 1):5.1f} %")
-    print(f"branches     {reached.total():6} of {every.total():6}  {total:5.1f} %, at least {BAR} % are asked for")
     return 0 if total >= BAR else 1
 
 

@@ -153,7 +153,9 @@ def test_sixty_four_threads_share_a_filter_a_tracker_and_the_bytes_of_one_thread
 
     def compute():
         run = ukf.run(times, values, initial=START)
-        return run.means.tobytes() + clusters.fit_predict(few).tobytes() + tr.association.assign(costs).columns.tobytes()
+        return (
+            run.means.tobytes() + clusters.fit_predict(few).tobytes() + tr.association.assign(costs).columns.tobytes()
+        )
 
     def tracker():
         return tr.MultiTargetTracker(
@@ -180,7 +182,7 @@ def test_sixty_four_threads_share_a_filter_a_tracker_and_the_bytes_of_one_thread
                         taken += 1
                     except tr.BusyError:
                         pass
-        except Exception as error:
+        except tr.TrackrsError as error:
             wrong.append(error)
         steps.append(taken)
 

@@ -150,6 +150,10 @@ fn score(near: &[Near], [m, n]: [usize; 2], cutoff: f64, order: f64, alpha: f64)
     out.missed = beyond + surplus(m, n);
     out.false_tracks = beyond + surplus(n, m);
     out.total = root(out.localisation + out.missed + out.false_tracks, order);
+    if !out.total.is_finite() {
+        let what = "GOSPA".into();
+        return Err(Error::Overflow { what });
+    }
     Ok(out)
 }
 
@@ -179,6 +183,12 @@ mod tests {
             (9.0, 200.0, 400.0)
         );
         assert_eq!(score.total, 609.0_f64.sqrt());
+    }
+
+    #[test]
+    fn an_alpha_that_makes_it_infinite_is_refused() {
+        let found = gospa(&line(&[0.0]), &line(&[]), 5.0, 2.0, 1e-310);
+        assert!(matches!(found, Err(Error::Overflow { .. })));
     }
 
     #[test]

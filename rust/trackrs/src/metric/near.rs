@@ -137,7 +137,10 @@ pub(super) fn matched(near: &[Near], [m, n]: [usize; 2], full: f64, order: f64) 
         return Ok(out);
     }
     let mut costs = vec![full; m * n];
-    for pair in near {
+    for (at, pair) in near.iter().enumerate() {
+        if at % 1024 == 0 {
+            ahead(1 << 15);
+        }
         costs[pair.row * n + pair.column] = power(pair.distance, order);
     }
     let found = assign(&costs, m, n)?.row_to_column;
