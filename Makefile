@@ -19,7 +19,7 @@ TEST_FLAGS := --release --locked --workspace --config profile.release.package.tr
 # maturin tells pyo3 about the interpreter through these; with other values pyo3 would be compiled again at every turn.
 PYO3_ENV = PYO3_BUILD_EXTENSION_MODULE=1 PYO3_CONFIG_FILE=$(shell ls -t $(TARGET)/maturin/pyo3-config-*.txt | head -1)
 
-.PHONY: help demo test test-rust test-python lint quick bench docs soak clean
+.PHONY: help demo test test-rust test-python coverage lint quick bench docs soak clean
 .NOTPARALLEL:
 
 help: ## list the targets
@@ -36,6 +36,17 @@ test-rust: $(VENV)/.package
 
 test-python: $(VENV)/.package $(VENV)/.dev
 	$(BIN)/python -m pytest
+
+# Branches are counted by an option that the compiler still calls unstable, hence RUSTC_BOOTSTRAP. What reads the counts is
+# LLVM's own: rustup's component or, where that is not installed, a distribution's (19 and newer know the format).
+coverage: $(VENV)/.pip ## branches of the core that the Rust tests reach; fails below 90 %
+	@command -v cargo-llvm-cov > /dev/null || { echo 'make coverage needs cargo-llvm-cov, and it is not here: cargo install --locked cargo-llvm-cov@0.9.1' >&2; exit 1; }
+	@tools="$$(rustc --print target-libdir)/../bin"; cov="$$tools/llvm-cov"; profdata="$$tools/llvm-profdata"; \
+	for n in 19 20 21 22; do test -x "$$cov" || { cov=$$(command -v llvm-cov-$$n); profdata=$$(command -v llvm-profdata-$$n); }; done; \
+	test -x "$$cov" && test -x "$$profdata" || { echo 'make coverage needs llvm-cov and llvm-profdata, and they are not here: rustup component add llvm-tools (Debian, Ubuntu: apt-get install llvm-19)' >&2; exit 1; }; \
+	export RUSTC_BOOTSTRAP=1 TRACKRS_FUZZ_CASES=2000 LLVM_COV="$$cov" LLVM_PROFDATA="$$profdata"; \
+	cargo llvm-cov --branch --json --output-path $(TARGET)/coverage.json --no-cfg-coverage --no-cfg-coverage-nightly --release --locked -p trackrs
+	$(BIN)/python tests/core_coverage.py $(TARGET)/coverage.json
 
 lint: quick docs ## formatting, clippy, rustdoc, ruff, mypy, stubs
 	$(PYO3_ENV) cargo clippy --release --locked --workspace --all-targets -- -D warnings

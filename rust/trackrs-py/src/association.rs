@@ -8,7 +8,7 @@ use trackrs::association::{assignment, k_best as ranking, marginals as joint};
 use trackrs::error::require_size;
 
 use crate::array;
-use crate::error::{compute, count, to_python};
+use crate::error::{compute_long, count, to_python};
 
 fn column(column: Option<usize>) -> i64 {
     column.map_or(-1, |c| i64::try_from(c).unwrap_or(i64::MAX))
@@ -22,7 +22,7 @@ pub(crate) fn assign<'py>(
 ) -> PyResult<(Bound<'py, PyArray1<i64>>, f64)> {
     let (rows, columns) = (costs.shape()[0], costs.shape()[1]);
     let costs = array::c_slice(&costs, "costs")?;
-    let solved = compute(py, || assignment::assign(costs, rows, columns))?;
+    let solved = compute_long(py, || assignment::assign(costs, rows, columns))?;
     let columns = solved.row_to_column.iter().map(|&c| column(c));
     Ok((PyArray1::from_iter(py, columns), solved.cost))
 }
@@ -47,7 +47,7 @@ pub(crate) fn assign_sparse<'py>(
     let candidates: Vec<Candidate> = pairs
         .map(|((row, column), &cost)| Candidate { row, column, cost })
         .collect();
-    let solved = compute(py, || {
+    let solved = compute_long(py, || {
         sparse::assign_sparse(&candidates, count("rows", shape.0)?, count("columns", shape.1)?)
     })?;
     let columns = solved.row_to_column.iter().map(|&c| column(c));
@@ -69,7 +69,7 @@ pub(crate) fn k_best<'py>(
         .as_ref()
         .map(|m| array::c_slice(m, "miss_costs"))
         .transpose()?;
-    let found = compute(py, || {
+    let found = compute_long(py, || {
         let k = count("k", k)?;
         match misses {
             None => ranking::k_best(costs, rows, columns, k),
@@ -99,7 +99,7 @@ pub(crate) fn marginals<'py>(
     let values = array::c_slice(&weights, "weights")?;
     let domain = if log { Domain::Log } else { Domain::Linear };
     let budget = count("budget", budget).map_err(|error| to_python(py, &error))?;
-    let (table, found) = compute(py, || {
+    let (table, found) = compute_long(py, || {
         let table = Weights::from_dense(values, tracks, columns, domain)?;
         let found = joint::marginals(&table, &Options { budget, prune })?;
         Ok((table, found))

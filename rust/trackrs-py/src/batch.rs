@@ -12,7 +12,7 @@ use trackrs::lanes::Level;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
-use crate::error::{compute, count, keep_raised};
+use crate::error::{compute, count, go_on};
 use crate::filter::Filter;
 use crate::scans::lock;
 
@@ -118,12 +118,6 @@ impl TrackBatch {
             nis: kept(nis, out.nis).map(|v| v.reshape([tracks, steps])).transpose()?,
         })
     }
-}
-
-/// Whether nobody has pressed Ctrl-C; if so, the exception is kept.
-fn go_on() -> bool {
-    let checked = Python::attach(|py| -> PyResult<()> { py.check_signals() });
-    checked.map_err(keep_raised).is_ok()
 }
 
 /// The levels of instructions of this machine, the best one first.

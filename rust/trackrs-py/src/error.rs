@@ -84,6 +84,17 @@ pub(crate) fn compute<T: Send>(py: Python<'_>, work: impl FnOnce() -> trackrs::R
     }
 }
 
+/// The same for what computes a value and may take long: Ctrl-C ends it.
+pub(crate) fn compute_long<T: Send>(py: Python<'_>, work: impl FnOnce() -> trackrs::Result<T> + Send) -> PyResult<T> {
+    compute(py, || trackrs::interrupt::until(go_on, work))
+}
+
+/// Whether nobody has pressed Ctrl-C; if so, the exception is kept.
+pub(crate) fn go_on() -> bool {
+    let checked = Python::attach(|py| -> PyResult<()> { py.check_signals() });
+    checked.map_err(keep_raised).is_ok()
+}
+
 /// Panics in the core, as nothing should, to show what then reaches Python.
 #[pyfunction(name = "_panic")]
 pub(crate) fn panic_on_purpose(py: Python<'_>) -> PyResult<()> {

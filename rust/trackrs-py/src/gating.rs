@@ -7,7 +7,7 @@ use trackrs::error::require_size;
 use trackrs::gating::distances::{Expected, pairs_within, squared_distances};
 
 use crate::array::c_slice;
-use crate::error::compute;
+use crate::error::compute_long;
 use crate::partition::integers;
 
 #[derive(IntoPyObject)]
@@ -43,7 +43,7 @@ pub(crate) fn gate_distances(
     let (means, covs) = (c_slice(&means, "means")?, c_slice(&covs, "covs")?);
     let reports = c_slice(&reports, "reports")?;
     let out = out.as_slice_mut()?;
-    compute(py, || {
+    compute_long(py, || {
         sizes?;
         squared_distances(&Expected { dims, means, covs }, reports, out)
     })
@@ -61,7 +61,7 @@ pub(crate) fn gate_pairs<'py>(
     let dims = means.shape()[1];
     let (means, covs) = (c_slice(&means, "means")?, c_slice(&covs, "covs")?);
     let reports = c_slice(&reports, "reports")?;
-    let pairs = compute(py, || {
+    let pairs = compute_long(py, || {
         sizes?;
         pairs_within(&Expected { dims, means, covs }, reports, threshold)
     })?;

@@ -10,7 +10,7 @@ use trackrs::metric::evaluate::{self as core, FrameScore, Scoring, TargetScore, 
 use trackrs::metric::{gospa as gospa_, innovation, ospa as ospa_, whiteness as whiteness_};
 
 use crate::array;
-use crate::error::{compute, count, to_python};
+use crate::error::{compute_long, count, to_python};
 
 /// Total, localisation, cardinality.
 #[pyfunction]
@@ -22,7 +22,7 @@ pub(crate) fn ospa(
     order: f64,
 ) -> PyResult<(f64, f64, f64)> {
     let (x, y) = (array::copied(x, "x")?, array::copied(y, "y")?);
-    let out = compute(py, || ospa_::ospa(&x, &y, cutoff, order))?;
+    let out = compute_long(py, || ospa_::ospa(&x, &y, cutoff, order))?;
     Ok((out.total, out.localisation, out.cardinality))
 }
 
@@ -46,7 +46,7 @@ pub(crate) fn gospa<'py>(
         .map(|(of_x, of_y)| Ok::<_, PyErr>([covs(&of_x)?, covs(&of_y)?]))
         .transpose()?;
     let of = |centres, extents| gospa_::Ellipses { centres, extents };
-    let out = compute(py, || match &extents {
+    let out = compute_long(py, || match &extents {
         None => gospa_::gospa(&x, &y, cutoff, order, alpha),
         Some([of_x, of_y]) => gospa_::gospa_of_extents(of(&x, of_x), of(&y, of_y), cutoff, order, alpha),
     })?;
@@ -88,7 +88,7 @@ pub(crate) fn nees<'py>(
 ) -> PyResult<Tests<'py>> {
     let matrix = array::matrix(&errors, "errors")?;
     let covs = array::matrices(&covs, "covs")?;
-    let out = compute(py, || consistency::nees(&matrix, &covs))?;
+    let out = compute_long(py, || consistency::nees(&matrix, &covs))?;
     Ok(Tests::new(py, out))
 }
 
@@ -100,7 +100,7 @@ pub(crate) fn nis<'py>(
 ) -> PyResult<Tests<'py>> {
     let rows = array::rows(&innovations, "innovations")?;
     let covs = array::matrices(&covs, "covs")?;
-    let out = compute(py, || innovation::nis(&rows, &covs))?;
+    let out = compute_long(py, || innovation::nis(&rows, &covs))?;
     Ok(Tests::new(py, out))
 }
 
@@ -116,7 +116,7 @@ pub(crate) fn cumulative<'py>(
 ) -> PyResult<Tests<'py>> {
     let statistics = array::vector(&statistics, "statistics")?;
     let dof: Vec<i64> = dof.as_array().iter().copied().collect();
-    let out = compute(py, || {
+    let out = compute_long(py, || {
         let dof = dof.iter().map(|&d| count("dof", d)).collect::<Result<Vec<_>, _>>()?;
         let window = window.map(|w| count("window", w)).transpose()?;
         innovation::cumulative(statistics.as_slice(), &dof, &restarts, window)
@@ -142,7 +142,7 @@ pub(crate) fn whiteness<'py>(
 ) -> PyResult<Whiteness<'py>> {
     let rows = array::rows(&innovations, "innovations")?;
     let covs = array::matrices(&covs, "covs")?;
-    let out = compute(py, || whiteness_::whiteness(&rows, &covs, count("lags", lags)?))?;
+    let out = compute_long(py, || whiteness_::whiteness(&rows, &covs, count("lags", lags)?))?;
     Ok(Whiteness {
         autocorrelations: array::from_matrix(py, &out.autocorrelations)?,
         bands: array::from_matrix(py, &out.bands)?,
@@ -251,7 +251,7 @@ pub(crate) fn evaluate<'py>(
         alpha,
         region,
     };
-    let out = compute(py, || core::evaluate(&paths, &frames, &scoring))?;
+    let out = compute_long(py, || core::evaluate(&paths, &frames, &scoring))?;
     let real = |part: fn(&FrameScore) -> f64| PyArray1::from_iter(py, out.frames.iter().map(part));
     let count = |part: fn(&FrameScore) -> usize| {
         PyArray1::from_iter(

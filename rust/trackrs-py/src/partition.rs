@@ -14,7 +14,7 @@ use trackrs::partition::two_level::TwoLevelPartition;
 use trackrs::partition::{self, PartitionModel, Points};
 
 use crate::array;
-use crate::error::{compute, count, to_python};
+use crate::error::{compute_long, count, to_python};
 
 type Noise<'py> = Option<PyReadonlyArray2<'py, f64>>;
 
@@ -207,7 +207,7 @@ impl Partitioner {
     ) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let points = points(&values, &noise)?;
         let filter = clutter_filter.as_ref().map(|filter| &filter.core);
-        let (labels, shape) = compute(py, || {
+        let (labels, shape) = compute_long(py, || {
             let found = partition::partitions(self.core.as_partitioner(), &points, filter)?;
             let labels = found.iter().flat_map(partition::Partition::labels);
             let labels: Vec<i64> = labels.map(|&l| i64::try_from(l).unwrap_or(i64::MAX)).collect();
@@ -225,7 +225,7 @@ impl Partitioner {
         noise: Noise<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let points = points(&values, &noise)?;
-        let labels = compute(py, || self.core.as_partitioner().labels(&points))?;
+        let labels = compute_long(py, || self.core.as_partitioner().labels(&points))?;
         Ok(optional(py, &labels))
     }
 
@@ -240,11 +240,11 @@ impl Partitioner {
         let points = points(&values, &noise)?;
         match &self.core {
             PartitionModel::DensityPeaks(core) => {
-                let found = compute(py, || core.explain(&points))?;
+                let found = compute_long(py, || core.explain(&points))?;
                 Ok(Explained::Graph(DecisionGraph::new(py, found)))
             }
             PartitionModel::TwoLevel(core) => {
-                let found = compute(py, || core.explain(&points))?;
+                let found = compute_long(py, || core.explain(&points))?;
                 let ends: Vec<[usize; 2]> = found.borders.iter().map(|border| border.cells).collect();
                 Ok(Explained::Levels(TwoLevels {
                     mean_density: PyArray1::from_vec(py, found.mean_density),
@@ -273,7 +273,7 @@ impl Partitioner {
         let PartitionModel::Tree(core) = &self.core else {
             return made(py, Err(Error::invalid("partitioner", "this one", "has no trees")));
         };
-        let trees = compute(py, || core.trees(&points))?;
+        let trees = compute_long(py, || core.trees(&points))?;
         let out = trees.into_iter().map(|tree| {
             Ok(Tree {
                 children: pairs(py, &tree.children)?,
@@ -380,7 +380,7 @@ impl OutlierFilter {
         noise: Noise<'py>,
     ) -> PyResult<OutlierFactors<'py>> {
         let points = points(&values, &noise)?;
-        let found = compute(py, || self.core.explain(&points))?;
+        let found = compute_long(py, || self.core.explain(&points))?;
         Ok(OutlierFactors {
             k_distance: PyArray1::from_vec(py, found.k_distance),
             reachability_density: PyArray1::from_vec(py, found.reachability_density),

@@ -1,5 +1,6 @@
 //! Studies.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::DVector;
@@ -9,6 +10,7 @@ use pyo3::prelude::*;
 use trackrs::Error;
 use trackrs::error::require_size;
 use trackrs::filter::lead::Lead;
+use trackrs::interrupt;
 use trackrs::sim::study::{self, Estimate, Method, Named, Oversight, Scene, StudyMetric, Summary};
 
 use crate::array;
@@ -119,7 +121,15 @@ impl Study {
     fn run<'py>(&self, py: Python<'py>, seed: u64, first: u64, runs: u64, stop: &StudyStop) -> PyResult<Runs<'py>> {
         let end = first.saturating_add(runs);
         let trials = compute(py, || {
-            let trials = (first..end).map(|run| self.core.run_under(stop, seed, run));
+            // What a method does in one call ends as well: trackers are copies, and whatever was half done is dropped.
+            let trials = (first..end).map(|run| {
+                let set = Arc::clone(&stop.set);
+                let go_on = move || !set.load(Ordering::Relaxed);
+                match interrupt::until(go_on, || self.core.run_under(stop, seed, run)) {
+                    Err(Error::Interrupted) => Ok(None),
+                    other => other,
+                }
+            });
             trials
                 .map_while(trackrs::Result::transpose)
                 .collect::<trackrs::Result<Vec<_>>>()
@@ -144,7 +154,7 @@ impl Study {
 #[pyclass(frozen, module = "trackrs._trackrs")]
 #[derive(Default)]
 pub(crate) struct StudyStop {
-    set: AtomicBool,
+    set: Arc<AtomicBool>,
 }
 
 #[pymethods]

@@ -9,6 +9,7 @@ pub mod filter;
 pub mod gating;
 pub mod gaussian;
 pub mod geodesy;
+pub mod interrupt;
 pub mod lanes;
 pub mod linalg;
 pub mod metric;

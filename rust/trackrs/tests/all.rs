@@ -34,6 +34,7 @@ mod partition_reference;
 mod phd;
 mod range_array;
 mod range_array_run;
+mod residual_noise;
 mod rigid_body;
 mod sigma_points;
 mod smoother;

@@ -77,6 +77,37 @@ fn density_peaks_with_a_cut_off_are_the_definition_to_the_last_bit() {
     }
 }
 
+/// More pairs than are listed at once, ties and coincident points among them.
+#[test]
+fn the_distance_that_a_percentage_of_pairs_keeps_is_found_without_listing_them() {
+    let mut stream = Stream::new(12, 0);
+    let loose: Vec<f64> = (0..1200).map(|_| stream.between(0.0, 100.0)).collect();
+    let grid: Vec<f64> = loose.iter().map(|x| (x / 10.0).floor()).collect();
+    let mostly_one: Vec<f64> = loose
+        .iter()
+        .enumerate()
+        .map(|(i, &x)| if i < 1100 { 3.0 } else { x })
+        .collect();
+    for values in [loose, grid, mostly_one, vec![1.0; 1200]] {
+        let points = Points::new(&values, 2).unwrap();
+        let n = points.len();
+        let mut pairs: Vec<f64> = (0..n)
+            .flat_map(|i| (0..i).map(move |j| (i, j)))
+            .map(|(i, j)| distance(&points, i, j))
+            .collect();
+        pairs.sort_by(f64::total_cmp);
+        for percent in [1e-4, 0.5, 2.0, 37.0, 99.99, 100.0] {
+            let wanted = ((pairs.len() as f64 * percent / 100.0 + 0.5) as usize).clamp(1, pairs.len());
+            let apart = pairs[wanted - 1..].iter().copied().find(|&d| d > 0.0);
+            let rule = DensityPeakPartition {
+                scale: Scale::Percent(percent),
+                ..DensityPeakPartition::default()
+            };
+            assert_eq!(rule.explain(&points).unwrap().d_c, apart.unwrap_or(1.0), "{percent} %");
+        }
+    }
+}
+
 #[test]
 fn outlier_factors_are_the_definition() {
     for points in sets() {

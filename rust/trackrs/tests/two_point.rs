@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use serde_json::Value;
 use trackrs::association::associator::Associator;
 use trackrs::association::npda::{Bookkeeping, Npda, PartialCovariance};
+use trackrs::event::EventCode;
 use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, RandomWalk};
 use trackrs::model::sensor::{PositionSensor, RangeBearing};
@@ -271,4 +272,18 @@ fn accelerations_are_unknown_and_a_motion_without_velocity_is_refused() {
         let made = MultiTargetTracker::new(config);
         assert!(matches!(made, Err(Error::InvalidParameter { name, .. }) if name == "pair_within"));
     }
+}
+
+/// The velocity of two reports one after the other has a variance beyond all numbers: no track, an event, and the next scan.
+#[test]
+fn a_pair_whose_velocity_is_no_number_begins_no_track() {
+    let mut config = config(velocity());
+    let vague = SensorModel::Position(PositionSensor::new(vec![1e150, 1e150]).unwrap());
+    config.sensors.insert("lidar".into(), vague);
+    let mut tracker = MultiTargetTracker::new(config).unwrap();
+    for time in [0.0, 1e-6] {
+        assert!(tracker.step(&scan(time, "lidar", &[[0.0, 0.0]])).unwrap().is_empty());
+    }
+    assert_eq!(tracker.events().counts()[&EventCode::TrackDiverged], 1);
+    tracker.ledger().check().unwrap();
 }

@@ -36,6 +36,7 @@ use super::sequence::{Filter, History, Sequence};
 use super::square_root::Form;
 use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
+use crate::interrupt::ahead;
 use crate::linalg::copy_rows;
 use crate::linalg::fixed::{Factor, Lines, add_scaled, mirror, same_bits, symmetrise, transpose};
 use crate::linalg::sparse::UnitUpper;
@@ -156,6 +157,7 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
         let times = &data.times[rows.clone()];
         let measurements = data.measurements[rows.start * M..rows.end * M].as_chunks::<M>().0;
         for (&time, z) in times.iter().zip(measurements) {
+            ahead(N * N);
             if !z.iter().all(|z| z.is_finite()) {
                 break;
             }

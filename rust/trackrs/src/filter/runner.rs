@@ -29,6 +29,7 @@ use super::sequence::{Filter, History, InitialState, Sequence};
 use super::square_root::factor_of;
 use crate::error::{Error, Result};
 use crate::gaussian::{Gaussian, GaussianRef};
+use crate::interrupt::ahead;
 use crate::model::{Motion, Sensor};
 
 /// A filter with its state, between two epochs. The memory that an epoch works in serves the next one again.
@@ -149,6 +150,7 @@ impl<'a> Runner<'a> {
             let Some(row) = rows.next() else {
                 break;
             };
+            ahead(n * n * n);
             let input = data.inputs.map(|inputs| &inputs[row * n..(row + 1) * n]);
             let measurement = &data.measurements[row * m..(row + 1) * m];
             let restarted = self.advance_to(data.times[row], measurement, input)?;

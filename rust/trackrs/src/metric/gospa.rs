@@ -23,6 +23,7 @@ use nalgebra::DMatrix;
 use super::near::{Near, distances, matched, near};
 use super::ospa::{cutoff_power, power, root};
 use crate::error::{Error, Result, all_finite, require_size};
+use crate::interrupt::ahead;
 use crate::linalg::cholesky::Cholesky;
 
 /// Far beyond what a singular value decomposition of an extent needs.
@@ -79,6 +80,7 @@ pub fn gospa_of_extents(
     require_size("extents of the truth", m, truth.extents.len())?;
     require_size("extents of the estimates", n, estimates.extents.len())?;
     for (i, x) in truth.extents.iter().enumerate() {
+        ahead(100 * n);
         for (j, y) in estimates.extents.iter().enumerate() {
             let d = &mut apart[i * n + j];
             *d = (*d * *d + wasserstein_squared(x, y)?).sqrt();
@@ -148,6 +150,10 @@ fn score(near: &[Near], [m, n]: [usize; 2], cutoff: f64, order: f64, alpha: f64)
     out.missed = beyond + surplus(m, n);
     out.false_tracks = beyond + surplus(n, m);
     out.total = root(out.localisation + out.missed + out.false_tracks, order);
+    if !out.total.is_finite() {
+        let what = "GOSPA".into();
+        return Err(Error::Overflow { what });
+    }
     Ok(out)
 }
 
@@ -177,6 +183,12 @@ mod tests {
             (9.0, 200.0, 400.0)
         );
         assert_eq!(score.total, 609.0_f64.sqrt());
+    }
+
+    #[test]
+    fn an_alpha_that_makes_it_infinite_is_refused() {
+        let found = gospa(&line(&[0.0]), &line(&[]), 5.0, 2.0, 1e-310);
+        assert!(matches!(found, Err(Error::Overflow { .. })));
     }
 
     #[test]

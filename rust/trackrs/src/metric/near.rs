@@ -19,6 +19,7 @@ use super::ospa::power;
 use crate::association::assignment::assign;
 use crate::association::assignment::sparse::{Candidate, assign_sparse_with_misses};
 use crate::error::{Result, require_finite, require_size};
+use crate::interrupt::ahead;
 
 /// Two points closer than the cutoff.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +63,7 @@ pub(super) fn distances(x: &DMatrix<f64>, y: &DMatrix<f64>) -> Result<Vec<f64>> 
     check(x, y)?;
     let mut out = vec![0.0; x.nrows() * y.nrows()];
     for (i, row) in out.chunks_exact_mut(y.nrows().max(1)).enumerate() {
+        ahead(row.len());
         squares(x.row(i).iter().copied(), y, 0, row);
         for square in row {
             *square = square.sqrt();
@@ -80,6 +82,7 @@ pub(super) fn near(x: &DMatrix<f64>, y: &DMatrix<f64>, cutoff: f64) -> Result<Ve
     }
     let mut buffer = vec![0.0; n];
     let mut visit = |row: usize, y: &DMatrix<f64>, from: usize, to: usize, name: &dyn Fn(usize) -> usize| {
+        ahead(to - from);
         let square_of = &mut buffer[..to - from];
         squares(x.row(row).iter().copied(), y, from, square_of);
         for (at, square) in square_of.iter().enumerate() {
@@ -134,7 +137,10 @@ pub(super) fn matched(near: &[Near], [m, n]: [usize; 2], full: f64, order: f64) 
         return Ok(out);
     }
     let mut costs = vec![full; m * n];
-    for pair in near {
+    for (at, pair) in near.iter().enumerate() {
+        if at % 1024 == 0 {
+            ahead(1 << 15);
+        }
         costs[pair.row * n + pair.column] = power(pair.distance, order);
     }
     let found = assign(&costs, m, n)?.row_to_column;

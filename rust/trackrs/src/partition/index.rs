@@ -16,6 +16,7 @@
 use std::ops::Range;
 
 use super::points::Points;
+use crate::interrupt::ahead;
 
 /// Nodes with at most so many points are not cut.
 pub(crate) const LEAF: usize = 16;
@@ -91,6 +92,7 @@ impl<'a> Index<'a> {
 
     /// Adds the node of this range and everything below it; `keys` is memory to use.
     fn build(&mut self, range: Range<usize>, keys: &mut Vec<(f64, usize)>) {
+        ahead(range.len());
         let dims = self.points.dims();
         let at = self.boxes.len();
         let first = self.points.point(self.order[range.start]);
@@ -215,6 +217,7 @@ impl<'a> Index<'a> {
     /// on leaves itself.
     #[inline(always)]
     pub(crate) fn descend(&self, query: &[f64], mut enter: impl FnMut(usize, Reach) -> bool) {
+        ahead(self.order.len());
         // Nodes are halved down to `LEAF`, so that this is enough for 2³⁵ points.
         let mut waiting = [(
             0,

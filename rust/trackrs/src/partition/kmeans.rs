@@ -25,6 +25,7 @@ use self::seeds::seeds;
 use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, require_few};
 use crate::error::{Error, Result};
+use crate::interrupt::ahead;
 use crate::lanes::Level;
 use crate::stats::stream::Stream;
 use pulp::{Simd, WithSimd};
@@ -39,6 +40,8 @@ const LANES: usize = 8;
 const MANY: usize = 1024;
 /// Gaps are ordered by the leading bits of a 32-bit number, but for the sign: exponent and four more.
 const LEADING: u32 = 12;
+/// After so many blocks it is asked whether to go on.
+const PAUSE: usize = 64;
 
 /// K-means for every K of a range, one partition each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -219,6 +222,9 @@ impl Lloyd<'_> {
         let (n, dims) = (self.labels.len(), self.points.dims());
         let mut changed = false;
         for block in 0..self.limits.len() {
+            if block % PAUSE == 0 {
+                ahead(PAUSE * LANES * self.centres.len());
+            }
             if self.drift < self.limits[block] {
                 continue;
             }

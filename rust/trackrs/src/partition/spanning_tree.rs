@@ -17,6 +17,7 @@
 use super::index::Index;
 use super::points::{Points, squared};
 use super::union::Union;
+use crate::interrupt::ahead;
 
 /// Up to so many points O(n²) is faster.
 const FEW: usize = 1024;
@@ -64,6 +65,7 @@ fn prim(points: &Points) -> Vec<Edge> {
     let mut distances = vec![f64::INFINITY; n];
     let (mut latest, mut slot) = (0, 0);
     for left in (1..n).rev() {
+        ahead(left);
         // The point at `slot` has joined the tree: the last one takes its place.
         indices.swap_remove(slot);
         nearest.swap_remove(slot);

@@ -21,6 +21,7 @@ use super::index::Index;
 use super::points::{Points, squared};
 use super::tree::Merge;
 use crate::error::Result;
+use crate::interrupt::ahead;
 
 /// Up to so many clusters comparison with all is faster.
 const FEW: usize = 1024;
@@ -87,6 +88,7 @@ impl Clusters {
             before,
         };
         let Some(snapshot) = snapshot else {
+            ahead(self.len());
             for b in (0..self.len()).filter(|&b| b != a) {
                 best.offer(b, self.height_squared(a, b));
             }

@@ -92,15 +92,15 @@ impl MultiTargetTracker {
         let Some(within) = initiator.pair_within() else {
             for (&row, report) in rows.iter().zip(&reports) {
                 if self.has_room(look, row)? {
-                    self.begin_track(look.scan.time, report, None)?;
+                    self.try_begin(look, row, report, None)?;
                 }
             }
             return Ok(());
         };
         let partners = pair_up(&self.waiting, &reports, initiator.max_speed(), within);
-        for (report, partner) in reports.iter().zip(&partners) {
+        for ((&row, report), partner) in rows.iter().zip(&reports).zip(&partners) {
             if let Some(first) = partner.and_then(|index| self.waiting.get(index).cloned()) {
-                self.begin_track(look.scan.time, report, Some(&first))?;
+                self.try_begin(look, row, report, Some(&first))?;
             }
         }
         let mut index = 0..;
@@ -164,6 +164,18 @@ impl MultiTargetTracker {
                 .record(look.scan, EventCode::TrackLimit, Some(row), "max_tracks is reached")?;
         }
         Ok(room)
+    }
+
+    /// The same as [`Self::begin_track`]; where the state is too large to be a number, no track begins.
+    fn try_begin(&mut self, look: &Look, row: usize, report: &Waiting, first: Option<&Waiting>) -> Result<()> {
+        match self.begin_track(look.scan.time, report, first) {
+            Ok(()) => Ok(()),
+            Err(error) => {
+                let reason = format!("no track begins: {error}");
+                self.intake
+                    .record(look.scan, EventCode::TrackDiverged, Some(row), &reason)
+            }
+        }
     }
 
     /// A tentative track from a report, and perhaps one of before, brought to `now`.

@@ -7,6 +7,7 @@
 
 use super::NONE;
 use super::kernels::{lesser, relax, two_cheapest};
+use crate::interrupt::ahead;
 
 const INFINITY: f64 = f64::INFINITY;
 /// Columns are searched in blocks of this many.
@@ -109,6 +110,7 @@ impl<'a> Solver<'a> {
         let mut left = Vec::new();
         let mut budget = REDUCTIONS_PER_ROW * rows;
         while let Some(row) = waiting.pop() {
+            ahead(self.columns);
             let mut best = two_cheapest(self.row(row), &self.v);
             if let Some(miss) = self.miss(row) {
                 if best.first > miss {
@@ -211,6 +213,7 @@ impl<'a> Solver<'a> {
 
     /// Relaxes all open columns from `row`, and returns the nearest of them, free ones first among equals.
     fn visit(&mut self, row: usize, offset: f64) -> usize {
+        ahead(self.columns);
         let exit = offset + self.miss(row).unwrap_or(0.0);
         if exit < self.exit.distance {
             self.exit = Exit { row, distance: exit };

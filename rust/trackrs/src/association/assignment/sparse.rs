@@ -27,6 +27,7 @@ use super::lists::Lists;
 use super::price::{Graded, Price};
 use super::{Assignment, NONE, check_magnitude};
 use crate::error::{Error, Result, require_finite, require_size};
+use crate::interrupt::ahead;
 
 /// Row reduction looks at this many rows per row of the problem; lists are cheap to look at, searches are not.
 const REDUCTIONS_PER_ROW: usize = 16;
@@ -210,6 +211,7 @@ impl<'a, P: Price> Solver<'a, P> {
         let mut left = Vec::new();
         let mut budget = REDUCTIONS_PER_ROW * count;
         while let Some(row) = waiting.pop() {
+            ahead(self.lists.row(row).len());
             let (mut first, mut second, mut best) = (P::INFINITY, P::INFINITY, UNMADE);
             for entry in self.lists.row(row) {
                 let reduced = P::of(entry.cost) - self.columns[entry.column].v;
@@ -261,6 +263,7 @@ impl<'a, P: Price> Solver<'a, P> {
         // Where the path ends: at a free column, or by the exit of a row.
         let (mut total, mut end, mut leaving) = (P::INFINITY, NONE, NONE);
         loop {
+            ahead(self.lists.row(row).len());
             if let Some(exit) = self.exit(row)
                 && offset + exit < total
             {

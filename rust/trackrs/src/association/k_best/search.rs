@@ -18,6 +18,8 @@
 
 use std::cmp::Ordering;
 
+use crate::interrupt::ahead;
+
 const INFINITY: f64 = f64::INFINITY;
 /// No column.
 pub(crate) const NONE: usize = usize::MAX;
@@ -131,6 +133,7 @@ impl<'a> Table<'a> {
         let fixed = search.settled.clone();
         self.visit(&node, row, 0.0, &mut search);
         let nearest = loop {
+            ahead(search.distance.len());
             let nearest = search.nearest()?;
             if nearest == target {
                 break nearest;

@@ -19,6 +19,7 @@
 
 use super::Method;
 use super::cluster::{Cluster, Solution};
+use crate::interrupt::ahead;
 
 const TOLERANCE: f64 = 1e-9;
 const MOST_ITERATIONS: usize = 1000;
@@ -37,6 +38,7 @@ pub(super) fn solve(cluster: &Cluster) -> Solution {
     let mut to_track = vec![1.0; links.len()];
     let mut others = vec![0.0; links.len()];
     for iteration in 0..MOST_ITERATIONS {
+        ahead(links.len());
         for (row, &miss) in of_track.iter().zip(&cluster.misses) {
             sum_of_others(row, miss, |link| links[link].weight * to_track[link], &mut others);
         }

@@ -21,6 +21,7 @@
 
 use super::Method;
 use super::cluster::{Cluster, Solution};
+use crate::interrupt::ahead;
 
 /// Members are counted in a byte, and no binomial coefficient overflows.
 const LARGEST: usize = 60;
@@ -77,6 +78,7 @@ pub(super) fn solve(cluster: &Cluster, budget: usize) -> Option<Solution> {
         flow.resize(level.best.len(), 0.0);
         let count = level.reports.rest.len();
         for (set, &rest) in level.tracks.rest.iter().enumerate() {
+            ahead(count);
             let mut kept = 0.0;
             for other in 0..count {
                 let index = set * count + other;
@@ -146,6 +148,7 @@ impl Level {
         let last_count = last.reports.rest.len();
         let found = best.chunks_exact_mut(count).zip(choice.chunks_exact_mut(count));
         for (set, (best, choice)) in found.enumerate() {
+            ahead(count);
             let track = usize::from(tracks.members[(set + 1) * k - 1]);
             let row = &weights[track * cluster.reports..(track + 1) * cluster.reports];
             let start = tracks.without[(set + 1) * k - 1] as usize * last_count;

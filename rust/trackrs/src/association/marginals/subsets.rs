@@ -25,6 +25,7 @@ use super::Method;
 use super::cluster::{Cluster, Solution};
 use super::frontier::{Leave, Plan, Step, Take};
 use super::lattice::{dot, dot_without, drop_bit, give_back_bit, put, put_back};
+use crate::interrupt::ahead;
 
 /// X and G are at most 1e20, so what underflows is below 1e-288: below 1e-238 of a sum that is not less than this.
 const LEAST_SUM: f64 = 1e-50;
@@ -92,6 +93,7 @@ impl Scan<'_> {
         let (mut log_total, mut start) = (0.0, 0);
         for step in steps {
             let size = 1 << step.width;
+            ahead(size);
             let layer = &mut after[start..start + size];
             put(layer, &before[..size], self.skip(step.item), self.takes(step));
             log_total += rescale(layer)?;
@@ -116,6 +118,7 @@ impl Scan<'_> {
         let mut end = layers.after.len();
         for (index, step) in steps.iter().enumerate().rev() {
             let size = 1 << step.width;
+            ahead(size);
             end -= size;
             let after = &layers.after[end..end + size];
             to_come[known.min(size)..size].fill(0.0);

@@ -1,5 +1,6 @@
 //! The first centres of k-means++ (equation 1 of [`super`]).
 
+use crate::interrupt::ahead;
 use crate::partition::points::{Points, squared};
 use crate::stats::stream::Stream;
 
@@ -11,6 +12,7 @@ pub(super) fn seeds(points: &Points, k: usize, stream: &mut Stream) -> Vec<f64> 
     let mut nearest = vec![f64::INFINITY; n];
     let mut total = 0.0;
     for number in 0..k {
+        ahead(n);
         let chosen = if number == 0 || total == 0.0 {
             stream.choice(&indices).copied().unwrap_or(0)
         } else {
