@@ -16,6 +16,8 @@ pub struct Block<const N: usize, const PN: usize> {
     pub mean: [Lane; N],
     /// Covariances.
     pub cov: [Lane; PN],
+    /// What the determinants of the covariances are at least; −∞ where that is not known.
+    pub det: Lane,
 }
 
 /// Where the entry (i, j) of a symmetric matrix stands in its lower triangle.
@@ -34,6 +36,7 @@ impl<const N: usize, const PN: usize> Block<N, PN> {
         let mut block = Self {
             mean: [Lane([0.0; LANES]); N],
             cov: [Lane([0.0; LANES]); PN],
+            det: Lane([f64::NEG_INFINITY; LANES]),
         };
         for i in 0..N {
             block.cov[at(i, i)] = Lane([1.0; LANES]);
@@ -43,6 +46,7 @@ impl<const N: usize, const PN: usize> Block<N, PN> {
 
     /// Puts a track into a lane: its mean, and its covariance N×N row by row, of which the lower triangle is read.
     pub fn set(&mut self, lane: usize, mean: &[f64], cov: &[f64]) {
+        self.det.0[lane] = f64::NEG_INFINITY;
         for (to, from) in self.mean.iter_mut().zip(mean) {
             to.0[lane] = *from;
         }
@@ -50,6 +54,15 @@ impl<const N: usize, const PN: usize> Block<N, PN> {
             for j in 0..=i {
                 self.cov[at(i, j)].0[lane] = cov[i * N + j];
             }
+        }
+    }
+
+    /// Makes a lane that of another block.
+    pub(crate) fn put_back(&mut self, lane: usize, from: &Self) {
+        let pairs = self.mean.iter_mut().zip(&from.mean);
+        let pairs = pairs.chain(self.cov.iter_mut().zip(&from.cov));
+        for (to, from) in pairs.chain([(&mut self.det, &from.det)]) {
+            to.0[lane] = from.0[lane];
         }
     }
 

@@ -19,6 +19,7 @@
 //! 4. S = P_pp + R = L Δ Lᵀ, one reciprocal per pivot; a track with a pivot that is not positive keeps its prediction
 //! 5. G = P Hᵀ S⁻¹ by two substitutions; x += G ν; νᵀ S⁻¹ ν
 //! 6. A = (I − G H) P; P = A (I − G H)ᵀ + G R Gᵀ (Joseph), lower triangle
+//! 7. a track whose P is nearly singular is marked (`condition`) and stays where it was before the first step
 //!
 //! The order of the operations is that of the loops at every level, so that the bits are the same. A lane is masked, not
 //! branched on.
@@ -28,6 +29,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::block::{Block, LANES, at};
+use super::condition::{Condition, variances};
 use super::transport::{gather, lanes_of, load, scatter, scatter_symmetric};
 
 /// A time step and the noise that gathers in it.
@@ -62,6 +64,8 @@ pub(crate) struct Work<'a, const D: usize, const K: usize, const N: usize, const
     pub(crate) out: Outputs<'a>,
     /// Per track: how often it kept its prediction because of a pivot.
     pub(crate) failures: &'a mut [u64],
+    /// Per track: whether its covariance came close to being singular.
+    pub(crate) singular: &'a mut [bool],
 }
 
 impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd for Work<'_, D, K, N, PN> {
@@ -77,6 +81,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
             values,
             out,
             failures,
+            singular,
         } = self;
         let count = steps.len();
         let width = S::F64_LANES;
@@ -89,11 +94,19 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                 let used = width.min(tracks - first);
                 let mut x = load::<S, N>(simd, &block.mean, register);
                 let mut p = load::<S, PN>(simd, &block.cov, register);
+                let mut condition = Condition::<S> {
+                    det: load::<S, 1>(simd, &[block.det], register)[0],
+                    singular: simd.splat_f64s(0.0),
+                };
                 let mut failed = simd.splat_f64s(0.0);
                 for (t, step) in steps.iter().enumerate() {
                     let z = gather::<S, D>(simd, values, first, used, count, t);
                     predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
+                    let scale = variances::<S, N, PN>(simd, &p);
+                    condition.check::<N, PN>(simd, &p, scale);
                     let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
+                    condition.det = simd.mul_f64s(condition.det, found.shrunk);
+                    condition.check::<N, PN>(simd, &p, scale);
                     failed = simd.add_f64s(failed, found.failed);
                     if !out.means.is_empty() {
                         scatter::<S, N>(out.means, &x, first, used, count, t);
@@ -105,11 +118,20 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                         scatter::<S, 1>(out.nis, &[found.nis], first, used, count, t);
                     }
                 }
+                let before = *block;
                 for (to, from) in block.mean.iter_mut().zip(x) {
                     S::as_mut_simd_f64s(&mut to.0).0[register] = from;
                 }
                 for (to, from) in block.cov.iter_mut().zip(p) {
                     S::as_mut_simd_f64s(&mut to.0).0[register] = from;
+                }
+                S::as_mut_simd_f64s(&mut block.det.0).0[register] = condition.det;
+                let marked = lanes_of::<S>(condition.singular);
+                for (lane, mark) in singular[first..first + used].iter_mut().enumerate() {
+                    if marked.0[lane] > 0.0 {
+                        *mark = true;
+                        block.put_back(register * width + lane, &before);
+                    }
                 }
                 let lanes = lanes_of::<S>(failed);
                 for (count, lane) in failures[first..first + used].iter_mut().zip(lanes.0) {
@@ -140,7 +162,7 @@ const fn cov<const D: usize>(a: usize, i: usize, b: usize, j: usize) -> usize {
 
 /// The next index.
 #[inline(always)]
-const fn after(index: usize) -> usize {
+pub(super) const fn after(index: usize) -> usize {
     index.wrapping_add(1)
 }
 
@@ -152,7 +174,7 @@ fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
 
 /// a − b c.
 #[inline(always)]
-fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+pub(super) fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
     simd.sub_f64s(a, simd.mul_f64s(b, c))
 }
 
@@ -263,6 +285,8 @@ struct Found<S: Simd> {
     nis: S::f64s,
     /// 1 where a pivot was not positive.
     failed: S::f64s,
+    /// |R|/|S|.
+    shrunk: S::f64s,
 }
 
 /// Equations 3 to 6.
@@ -325,10 +349,16 @@ fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
     for k in 0..D {
         nis = more(simd, nis, nu[k], solved[k]);
     }
+    let mut shrunk = one;
+    for k in 0..D {
+        let part = simd.mul_f64s(simd.splat_f64s(sensor[k]), factor.reciprocal[k]);
+        shrunk = simd.mul_f64s(shrunk, simd.select_f64s(seen[k], part, one));
+    }
     let scored = simd.and_m64s(any, good);
     Found {
         nis: simd.select_f64s(scored, nis, simd.splat_f64s(f64::NAN)),
         failed: simd.select_f64s(good, zero, one),
+        shrunk: simd.select_f64s(good, shrunk, one),
     }
 }
 
