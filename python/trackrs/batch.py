@@ -12,7 +12,7 @@ from trackrs._arrays import FloatArray, IntArray, array, frozen
 from trackrs.errors import DimensionError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from trackrs.filter import _SequenceFilter
 
@@ -33,6 +33,7 @@ class BatchRun:
         covs: (B, T, n, n) their covariances, where they were asked for.
         nis: (B, T) normalised innovations squared, where they were asked for; NaN where nothing was observed.
         failures: (B,) measurements left out because an innovation covariance was not positive definite.
+        escalated: (B,) whether the track's covariance came close to being singular and is carried as its square root.
     """
 
     times: FloatArray
@@ -41,6 +42,7 @@ class BatchRun:
     covs: FloatArray | None
     nis: FloatArray | None
     failures: IntArray
+    escalated: NDArray[np.bool_]
 
 
 class TrackBatch:
@@ -119,6 +121,15 @@ class TrackBatch:
         return frozen(self._core.failures().astype(np.int64))
 
     @property
+    def escalated(self) -> NDArray[np.bool_]:
+        """Whether a track's covariance came close to being singular and is carried as its square root since (B,).
+
+        Such a track leaves the register it shared: from the first step of that call on it has the bits of the filter's
+        own `run`. With a strict filter it raises `StrictError`, and the tracks are as they were.
+        """
+        return frozen(self._core.escalated())
+
+    @property
     def in_lanes(self) -> bool:
         """Whether several tracks share a register."""
         return self._core.in_lanes()
@@ -151,4 +162,4 @@ class TrackBatch:
         out: dict[str, Any] = self._core.run(t, array(measurements, "measurements", 3), means=True, covs=covs, nis=nis)
         means, rest = frozen(out["means"]), {name: out[name] for name in ("covs", "nis")}
         kept = {name: None if value is None else frozen(value) for name, value in rest.items()}
-        return BatchRun(frozen(t.copy()), self.labels, means, failures=self.failures, **kept)
+        return BatchRun(frozen(t.copy()), self.labels, means, failures=self.failures, escalated=self.escalated, **kept)

@@ -12,7 +12,7 @@ from trackrs._arrays import array, frozen
 from trackrs._value import Value
 from trackrs.adaptive import ResidualNoise
 from trackrs.errors import DimensionError, ParameterError, TimeError
-from trackrs.types import FilterRun, GaussianState, Update, freeze_columns
+from trackrs.types import Event, FilterRun, GaussianState, Ledger, Update, freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +41,7 @@ class _SequenceFilter(Value):
     form: Form = field(default="joseph", kw_only=True)
     steps: int = field(default=1, kw_only=True)
     horizon: float | None = field(default=None, kw_only=True)
+    strict: bool = field(default=False, kw_only=True)
     _core: _trackrs.Filter = field(init=False, repr=False, compare=False)
 
     @property
@@ -63,6 +64,8 @@ class _SequenceFilter(Value):
             core = core.with_steps(self.steps)
         if self.horizon is not None:
             core = core.with_horizon(self.horizon)
+        if self.strict:
+            core = core.with_strict()
         object.__setattr__(self, "_core", core)
 
     def predict(self, state: GaussianState, time: float, input: ArrayLike | None = None) -> GaussianState:  # noqa: A002
@@ -136,6 +139,7 @@ class _SequenceFilter(Value):
             TimeError: times decrease.
             DimensionError: shapes do not agree.
             NotPositiveDefiniteError: an innovation covariance is singular.
+            StrictError: with `strict`, at the first event.
         """
         if initial is None and not self._core.starts:
             msg = (
@@ -148,6 +152,8 @@ class _SequenceFilter(Value):
         given = None if initial is None else (initial.time, initial.mean, initial.cov)
         out = self._core.run(t, z, given, history, u, _lead(lead))
         out["restarts"] = tuple(out["restarts"])
+        out["events"] = tuple(Event(**event) for event in out["events"])
+        out["ledger"] = Ledger(**out["ledger"])
         kept = t[-1:] if history == "last" else t
         return FilterRun(times=frozen(kept.copy()), labels=self.labels, **freeze_columns(out))
 
@@ -203,11 +209,13 @@ class KalmanFilter(_SequenceFilter):
         sensor: for example `PositionSensor` or `LinearSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
-            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
-            screening, noise estimation and smoothing work on these products, in their plain form.
+        form: "joseph" carries covariances as they are, which keeps them definite up to a condition of 1e14; where one
+            comes close to being singular the run goes on as with "square_root", with the event `escalated`.
+            "square_root" carries factors from the start, by orthogonal transformations: up to 1e24. `covs` are products
+            of the factors; screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
+        strict: the first event of a run (a rejected component, a restart, an escalation) raises `StrictError`.
 
     Raises:
         ParameterError: a model is not linear, as poses with quaternions are not.
@@ -239,11 +247,13 @@ class ExtendedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
-            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
-            screening, noise estimation and smoothing work on these products, in their plain form.
+        form: "joseph" carries covariances as they are, which keeps them definite up to a condition of 1e14; where one
+            comes close to being singular the run goes on as with "square_root", with the event `escalated`.
+            "square_root" carries factors from the start, by orthogonal transformations: up to 1e24. `covs` are products
+            of the factors; screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
+        strict: the first event of a run (a rejected component, a restart, an escalation) raises `StrictError`.
         iterations: most linearisations of the sensor per measurement. Above 1 it is the iterated filter: each is at the
             posterior of the one before (Gauss-Newton), until no component of the state moves by more than 1e-9 of its
             standard deviation. Innovation, NIS and screening are those of the first.
@@ -286,11 +296,13 @@ class UnscentedKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing` or `CustomSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
-            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
-            screening, noise estimation and smoothing work on these products, in their plain form.
+        form: "joseph" carries covariances as they are, which keeps them definite up to a condition of 1e14; where one
+            comes close to being singular the run goes on as with "square_root", with the event `escalated`.
+            "square_root" carries factors from the start, by orthogonal transformations: up to 1e24. `covs` are products
+            of the factors; screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
+        strict: the first event of a run (a rejected component, a restart, an escalation) raises `StrictError`.
         kappa: spread of the points, n + kappa > 0; the centre weighs kappa/(n + kappa).
         alpha: the scaled form, of spread alpha² (n + kappa), where given.
         beta: with alpha: 2 (where not given) is best for Gaussians.
@@ -359,11 +371,13 @@ class CubatureKalmanFilter(_SequenceFilter):
         sensor: for example `RangeBearing` or `CustomSensor`.
         adapt: estimate the noise while `run` goes on.
         screen: reject gross errors in `run`.
-        form: "joseph" carries covariances as they are: positive definite up to a condition of 1e14. "square_root"
-            carries their factors, by orthogonal transformations: up to 1e24. `covs` are products of the factors;
-            screening, noise estimation and smoothing work on these products, in their plain form.
+        form: "joseph" carries covariances as they are, which keeps them definite up to a condition of 1e14; where one
+            comes close to being singular the run goes on as with "square_root", with the event `escalated`.
+            "square_root" carries factors from the start, by orthogonal transformations: up to 1e24. `covs` are products
+            of the factors; screening, noise estimation and smoothing work on these products, in their plain form.
         steps: predict in so many equal steps. Of consequence with sigma points and adapted noise.
         horizon: longest `lead`, seconds.
+        strict: the first event of a run (a rejected component, a restart, an escalation) raises `StrictError`.
 
     Raises:
         DimensionError: the sensor does not fit the motion.

@@ -260,6 +260,13 @@ class FilterRun(_Estimates):
             degrees of freedom as it has observed components; empty without a screen.
         q_hat, r_hat: (T, d, d) and (T, m, m) noise in force after each measurement; empty without `adapt`.
         restarts: rows at which the filter started anew, after a lock-out or a long gap.
+        events: what happened on the way, the last 1000, oldest first: `screened` (components rejected), `restarted`,
+            `held` (measurements wait, because the prediction is too vague to use them by), `not_started` (rows before
+            the start gave none), `escalated` (a covariance came close to being singular and is carried as its square
+            root from that row on).
+        event_counts: how many there were, by code.
+        ledger: where every row went. A row without any component is booked as rejected, `not_observed`, and is no
+            event; one whose components were all rejected as `screened`; rows held to the end as waiting.
         lead_times, lead_means, lead_covs: (T,) seconds, (T, n) and (T, n, n): the predictions ahead made after each
             measurement; empty without `lead`.
         log_likelihood: sum over all measurements.
@@ -289,6 +296,9 @@ class FilterRun(_Estimates):
     lead_means: FloatArray
     lead_covs: FloatArray
     restarts: tuple[int, ...]
+    events: tuple[Event, ...]
+    event_counts: Mapping[str, int]
+    ledger: Ledger
     log_likelihood: float
     labels: tuple[str, ...]
     start: int = 0
@@ -597,13 +607,13 @@ class Tracks:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something a tracker refused, repaired or received late.
+    """Something a tracker or a filter refused, repaired or received late.
 
     Attributes:
         code: what happened, for example `late_scan`, `non_finite`, `duplicate`, `track_skipped`.
-        time: time of the scan, seconds.
-        sensor: its sensor.
-        row: row of the scan, where the event is about one row.
+        time: time of the scan or row, seconds.
+        sensor: its sensor; empty in the run of a filter.
+        row: row of the scan or run, where the event is about one row.
         reason: in words.
     """
 

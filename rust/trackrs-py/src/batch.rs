@@ -77,6 +77,10 @@ impl TrackBatch {
         Ok(PyArray1::from_slice(py, lock(py, &self.inner)?.failures()))
     }
 
+    fn escalated<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        Ok(PyArray1::from_vec(py, lock(py, &self.inner)?.escalated()))
+    }
+
     fn run<'py>(
         &self,
         py: Python<'py>,

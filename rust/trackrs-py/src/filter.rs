@@ -1,5 +1,6 @@
 //! Filters over one sequence.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
@@ -21,6 +22,7 @@ use crate::array;
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
 use crate::options;
+use crate::scans::{EventRecord, LedgerRecord, counts, recent};
 
 /// Work between two looks for Ctrl-C, and rows between two looks at the clock.
 const CHUNK: Duration = Duration::from_millis(50);
@@ -77,6 +79,9 @@ pub(crate) struct Run<'py> {
     lead_means: Bound<'py, PyArray2<f64>>,
     lead_covs: Bound<'py, PyArray3<f64>>,
     restarts: Vec<usize>,
+    events: Vec<EventRecord>,
+    event_counts: BTreeMap<&'static str, u64>,
+    ledger: LedgerRecord,
     log_likelihood: f64,
     start: usize,
     /// Index of the rotation vector in the state.
@@ -143,6 +148,13 @@ impl Filter {
             self.filter.clone().with_form(form)
         })?;
         Ok(Self { filter })
+    }
+
+    /// The same filter with the first event of a run an error.
+    fn with_strict(&self) -> Self {
+        Self {
+            filter: self.filter.clone().with_strict(),
+        }
     }
 
     /// The same filter with each prediction in so many steps.
@@ -336,6 +348,7 @@ impl Filter {
         } else {
             let start = self.find_start(py, &given, n)?;
             let run = self.filter.begun(&start, history, leads.is_some());
+            let run = run.map_err(|error| to_python(py, &error))?;
             (start.initial, run, start.row + 1)
         };
         run.reserve(given.times.len() - begin, history);
@@ -480,6 +493,9 @@ impl Filter {
             lead_means: array::from_vectors(py, run.leads.means)?,
             lead_covs: array::from_matrices(py, run.leads.covs)?,
             restarts: run.restarts,
+            events: recent(&run.books.events),
+            event_counts: counts(&run.books.events),
+            ledger: LedgerRecord::of(&run.books.ledger),
             log_likelihood: run.log_likelihood,
             start: run.start,
             attitude: run.space.attitude,

@@ -1,4 +1,4 @@
-//! Events: what the tracker refused, repaired or received late, typed and counted; and the ledger of rows.
+//! Events: what a tracker or filter refused, repaired or received late, typed and counted; and the ledger of rows.
 //!
 //! Every row that comes in is used, rejected for a reason, late, a duplicate, or waits for its turn: [`Ledger::check`] asserts
 //! `rows_in = used + rejected + late + duplicate + waiting`.
@@ -54,6 +54,16 @@ pub enum EventCode {
     TrackLost,
     /// The limit on the number of tracks was reached; reports started no track.
     TrackLimit,
+    /// A covariance came close to being singular: it is carried as its square root from here on.
+    Escalated,
+    /// Components of a measurement failed the screen for gross errors and were not used.
+    Screened,
+    /// A filter that was lost started anew.
+    Restarted,
+    /// The prediction is too vague to use measurements by; they wait until together they give a start.
+    Held,
+    /// Rows before the start of a run gave none.
+    NotStarted,
 }
 
 impl EventCode {
@@ -78,6 +88,11 @@ impl EventCode {
             Self::TrackDegraded => "track_degraded",
             Self::TrackLost => "track_lost",
             Self::TrackLimit => "track_limit",
+            Self::Escalated => "escalated",
+            Self::Screened => "screened",
+            Self::Restarted => "restarted",
+            Self::Held => "held",
+            Self::NotStarted => "not_started",
         }
     }
 }
@@ -89,9 +104,9 @@ pub struct Event {
     pub code: EventCode,
     /// Time of the scan, seconds.
     pub time: f64,
-    /// Its sensor.
+    /// Its sensor; empty where there is only one.
     pub sensor: String,
-    /// Row of the scan, where the event is about one row.
+    /// Row of the scan or of the run, where the event is about one row.
     pub row: Option<usize>,
     /// In words.
     pub reason: String,
@@ -99,7 +114,10 @@ pub struct Event {
 
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} at {} s, sensor \"{}\"", self.code.name(), self.time, self.sensor)?;
+        write!(f, "{} at {} s", self.code.name(), self.time)?;
+        if !self.sensor.is_empty() {
+            write!(f, ", sensor \"{}\"", self.sensor)?;
+        }
         if let Some(row) = self.row {
             write!(f, ", row {row}")?;
         }

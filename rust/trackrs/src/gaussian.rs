@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, all_finite, require_finite};
+use crate::linalg::kernel::{self, sized};
 use crate::linalg::stack::Stack;
 use crate::linalg::symmetric::{require_covariance, symmetrise};
 
@@ -32,6 +33,21 @@ impl Gaussian {
             return Ok(());
         }
         Err(Error::Overflow { what: what.into() })
+    }
+
+    /// Whether a component's variance, given those before it, is 1e-14 of its variance or less.
+    pub(crate) fn is_nearly_singular(&self) -> bool {
+        fn of<const N: usize>(n: usize, cov: &[f64], work: &mut [f64]) -> bool {
+            kernel::little_left::<N>(n, kernel::NEARLY_SINGULAR, cov, work)
+        }
+        let (mut little, mut much) = ([0.0; 81], Vec::new());
+        let work = if self.cov.len() <= little.len() {
+            &mut little[..]
+        } else {
+            much.resize(self.cov.len(), 0.0);
+            &mut much
+        };
+        sized!(of(self.dim(), self.cov.as_slice(), work))
     }
 
     /// Length of the mean.

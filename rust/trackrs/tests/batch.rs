@@ -418,3 +418,84 @@ fn mistakes_are_named() {
     assert!(error.to_string().contains("symmetric"), "{error}");
     assert!(make().run(&[], &[], ALL).unwrap().means.is_empty());
 }
+
+/// A track that begins close to singular leaves the lanes: it has the bits of the filter of one sequence, in one call or in
+/// many, and the others have those of a batch without it.
+#[test]
+fn a_track_that_escalates_is_that_of_a_run() {
+    let (dims, order, tracks, steps) = (2, 2, 19, 40);
+    let (filter, n) = (filter(dims, order), 4);
+    let mut case = case(dims, order, tracks, steps, 5);
+    case.times.iter_mut().for_each(|time| *time -= 1.0);
+    let odd = [3, 17];
+    for track in odd {
+        let cov = &mut case.covs[track * n * n..(track + 1) * n * n];
+        cov.copy_from_slice(DMatrix::<f64>::identity(n, n).as_slice());
+        (cov[2], cov[2 * n]) = (1.0 - 1e-15, 1.0 - 1e-15);
+    }
+    let batch = |level| {
+        let batch = TrackBatch::new(filter.clone(), 0.0, &case.means, &case.covs).unwrap();
+        batch.at_level(level)
+    };
+    let mut healthy = case.covs.clone();
+    for track in odd {
+        healthy[track * n * n..(track + 1) * n * n].copy_from_slice(DMatrix::<f64>::identity(n, n).as_slice());
+    }
+    let mut others = TrackBatch::new(filter.clone(), 0.0, &case.means, &healthy).unwrap();
+    let others = others.run(&case.times, &case.values, ALL).unwrap();
+    for level in Level::available() {
+        for threads in [1, 2] {
+            let mut whole = batch(level).with_threads(threads).unwrap();
+            let run = whole.run(&case.times, &case.values, ALL).unwrap();
+            assert_eq!(
+                (0..tracks)
+                    .filter(|&track| whole.escalated()[track])
+                    .collect::<Vec<_>>(),
+                odd
+            );
+            let mut parts = batch(level).with_threads(threads).unwrap();
+            for step in 0..steps {
+                let values: Vec<f64> = (0..tracks)
+                    .flat_map(|track| case.values[(track * steps + step) * dims..][..dims].to_vec())
+                    .collect();
+                parts.run(&case.times[step..=step], &values, Wanted::default()).unwrap();
+            }
+            assert_eq!((parts.means(), parts.covs()), (whole.means(), whole.covs()));
+            assert!(whole.failures().iter().all(|&failures| failures == 0));
+            for track in 0..tracks {
+                let part = |all: &[f64], width: usize| {
+                    let part = &all[track * steps * width..(track + 1) * steps * width];
+                    part.iter().map(|x| x.to_bits()).collect::<Vec<_>>()
+                };
+                if odd.contains(&track) {
+                    let values: Vec<DVector<f64>> = case.values[track * steps * dims..(track + 1) * steps * dims]
+                        .chunks_exact(dims)
+                        .map(DVector::from_row_slice)
+                        .collect();
+                    let state = Gaussian {
+                        mean: DVector::from_row_slice(&case.means[track * n..(track + 1) * n]),
+                        cov: DMatrix::from_row_slice(n, n, &case.covs[track * n * n..(track + 1) * n * n]),
+                    };
+                    let initial = InitialState { time: 0.0, state };
+                    let one = filter
+                        .run(&case.times, &values, Some(&initial), None, History::Filtered)
+                        .unwrap();
+                    assert_eq!(one.books.events.counts().len(), 1);
+                    let bits = |all: &[f64]| all.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+                    assert_eq!(part(&run.means, n), bits(one.filtered.means.values()));
+                    assert_eq!(part(&run.covs, n * n), bits(one.filtered.covs.values()));
+                    assert_eq!(part(&run.nis, 1), bits(&one.nis));
+                } else {
+                    assert_eq!(part(&run.means, n), part(&others.means, n));
+                    assert_eq!(part(&run.covs, n * n), part(&others.covs, n * n));
+                }
+            }
+        }
+    }
+    let mut strict = TrackBatch::new(filter.with_strict(), 0.0, &case.means, &case.covs).unwrap();
+    assert!(strict.run(&case.times, &case.values, ALL).is_err());
+    assert_eq!(
+        (strict.means(), strict.covs(), strict.time()),
+        (case.means.clone(), case.covs.clone(), 0.0)
+    );
+}

@@ -2,6 +2,7 @@
 //! fixed-lag smoother that lags behind by the whole run, take the general path.
 
 use nalgebra::{DMatrix, DVector};
+use trackrs::event::EventCode;
 use trackrs::filter::extended::Rule;
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
@@ -277,6 +278,31 @@ fn a_steady_state_is_left_when_something_changes() {
             "row {row}"
         );
     }
+}
+
+/// A long gap leaves the position next to nothing of its own: from there on the run goes on as square roots, on either path.
+#[test]
+fn an_escalation_is_that_of_any_size() {
+    let noise = KinematicNoise::Psd(vec![1e-40; 2]);
+    let motion = MotionModel::ConstantVelocity(ConstantVelocity::new(noise).unwrap());
+    let sensor = SensorModel::Position(PositionSensor::new(vec![1e-5; 2]).unwrap());
+    let filter = Filter::kalman(motion, sensor).unwrap();
+    let initial = InitialState {
+        time: 0.0,
+        state: Gaussian::new(DVector::zeros(4), DMatrix::identity(4, 4)).unwrap(),
+    };
+    let times: Vec<f64> = (1..=20)
+        .map(f64::from)
+        .chain((0..20).map(|k| 1e9 + f64::from(k)))
+        .collect();
+    let values = vec![DVector::zeros(2); 40];
+    compare(&filter, &initial, &times, &values, "escalated");
+    let run = filter
+        .run(&times, &values, Some(&initial), None, History::Last)
+        .unwrap();
+    let events: Vec<_> = run.books.events.recent().map(|event| (event.code, event.row)).collect();
+    assert_eq!(events, [(EventCode::Escalated, Some(20))]);
+    assert_eq!(run.books.ledger.used, 40);
 }
 
 #[test]

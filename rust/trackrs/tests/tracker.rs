@@ -3,9 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use trackrs::event::{Event, EventCode};
+use trackrs::filter::sequence::InitialState;
+use trackrs::linalg::symmetric::eigen_range;
 use trackrs::model::motion::{ConstantVelocity, KinematicNoise};
 use trackrs::model::sensor::{PositionSensor, RangeBearing};
 use trackrs::model::{MotionModel, SensorModel};
@@ -13,7 +16,7 @@ use trackrs::tracker::clutter_map::ClutterMap;
 use trackrs::tracker::config::TrackerConfig;
 use trackrs::tracker::lifecycle::Initiator;
 use trackrs::tracker::multi_target::MultiTargetTracker;
-use trackrs::{Error, Scan};
+use trackrs::{Error, Gaussian, Scan};
 
 fn tracker() -> MultiTargetTracker {
     let motion = ConstantVelocity::new(KinematicNoise::Psd(vec![0.5; 2])).unwrap();
@@ -147,6 +150,43 @@ fn the_number_of_tracks_is_bounded_and_said() {
         let counts: Vec<u64> = tracker.events().counts().values().copied().collect();
         assert_eq!(counts, [30]);
     }
+}
+
+/// After a long gap a track's position has next to nothing of its own.
+#[test]
+fn a_track_close_to_singular_stays_definite() {
+    let motion = ConstantVelocity::new(KinematicNoise::Psd(vec![1e-40; 2])).unwrap();
+    let sensor = SensorModel::Position(PositionSensor::new(vec![1e-5; 2]).unwrap());
+    let sensors = BTreeMap::from([("lidar".to_string(), sensor)]);
+    let mut config = TrackerConfig::new(MotionModel::ConstantVelocity(motion), sensors, 20.0).unwrap();
+    let state = Gaussian::new(DVector::zeros(4), DMatrix::identity(4, 4)).unwrap();
+    config.initial = vec![InitialState { time: 0.0, state }];
+    let times = (1..=20).map(f64::from).chain((0..20).map(|k| 1e9 + f64::from(k)));
+    let scans: Vec<Scan> = times
+        .map(|time| Scan::new(time, "lidar", vec![DVector::zeros(2)]))
+        .collect();
+    let mut tracker = MultiTargetTracker::new(config.clone()).unwrap();
+    for (k, scan) in scans.iter().enumerate() {
+        let tracks = tracker.step(scan).unwrap();
+        assert_eq!((tracks.len(), tracks[0].hits), (1, k as u64 + 1));
+        let cov = &tracks[0].state.cov;
+        assert_eq!(*cov, cov.transpose());
+        let range = eigen_range(cov).unwrap();
+        assert!(range.min > -1e-15 * range.max, "scan {k}: {range:?}");
+    }
+    let escalated = |event: &&Event| event.code == EventCode::Escalated;
+    let events: Vec<f64> = tracker
+        .events()
+        .recent()
+        .filter(escalated)
+        .map(|event| event.time)
+        .collect();
+    assert_eq!(events, [1e9]);
+    let copy = MultiTargetTracker::from_bytes(&tracker.to_bytes().unwrap()).unwrap();
+    assert_eq!(copy.to_bytes().unwrap(), tracker.to_bytes().unwrap());
+    config.strict = true;
+    let strict = MultiTargetTracker::new(config).unwrap().run(&scans);
+    assert!(matches!(strict, Err(Error::Strict { .. })));
 }
 
 #[test]

@@ -6,23 +6,28 @@
 //! number of them.
 //!
 //! The lanes take the structure of the motion instead of products with F, so that their results agree with those of
-//! [`Filter::run`] to rounding only.
+//! [`Filter::run`] to rounding only. A track whose covariance comes close to being singular leaves them: from the first step of
+//! that call on it is run by [`super::sequence`] and has its bits.
 
 mod each;
+mod kinematic;
 
-use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeMap;
+use std::ops::Range;
 
-use self::each::Each;
+use nalgebra::DMatrix;
+
+use self::each::{Each, Own};
+use self::kinematic::{steps, structure};
 use super::sequence::Filter;
 use super::square_root::Form;
 use crate::error::{Error, Result, all_finite, require_finite, require_size};
-use crate::gaussian::Gaussian;
 use crate::lanes::Level;
-use crate::lanes::block::LANES;
-use crate::lanes::tracks::{AxisNoise, Lanes, RawStep, lanes};
+use crate::lanes::block::{LANES, largest};
+use crate::lanes::tracks::{Lanes, lanes};
 use crate::lanes::work::Outputs;
 use crate::linalg::cholesky::Cholesky;
-use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+use crate::model::{Motion, Sensor};
 
 /// Fewer steps of tracks than this are not worth a thread of their own.
 const PER_THREAD: usize = 20_000;
@@ -49,15 +54,16 @@ pub struct TrackBatch {
 
 #[derive(Debug)]
 enum States {
-    Lanes(Box<dyn Lanes>),
-    Each(Vec<Gaussian>),
+    /// And those that have left them.
+    Lanes(Box<dyn Lanes>, BTreeMap<usize, Own>),
+    Each(Vec<Own>),
 }
 
 impl States {
     fn copied(&self) -> Self {
         match self {
-            Self::Lanes(lanes) => Self::Lanes(lanes.copied()),
-            Self::Each(states) => Self::Each(states.clone()),
+            Self::Lanes(lanes, left) => Self::Lanes(lanes.copied(), left.clone()),
+            Self::Each(tracks) => Self::Each(tracks.clone()),
         }
     }
 }
@@ -82,6 +88,18 @@ pub struct BatchRun {
     pub covs: Vec<f64>,
     /// B × T; NaN where nothing was observed.
     pub nis: Vec<f64>,
+}
+
+impl BatchRun {
+    /// The part of some tracks, of T steps and n states.
+    fn of(&mut self, tracks: Range<usize>, steps: usize, n: usize) -> Outputs<'_> {
+        let part = |width: usize| tracks.start * steps * width..tracks.end * steps * width;
+        Outputs {
+            means: self.means.get_mut(part(n)).unwrap_or_default(),
+            covs: self.covs.get_mut(part(n * n)).unwrap_or_default(),
+            nis: self.nis.get_mut(part(1)).unwrap_or_default(),
+        }
+    }
 }
 
 impl TrackBatch {
@@ -135,14 +153,11 @@ impl TrackBatch {
                 for track in 0..tracks {
                     lanes.set(track, &means[track * n..(track + 1) * n], cov_of(track));
                 }
-                States::Lanes(lanes)
+                States::Lanes(lanes, BTreeMap::new())
             }
             None => States::Each(
                 (0..tracks)
-                    .map(|track| Gaussian {
-                        mean: DVector::from_row_slice(&means[track * n..(track + 1) * n]),
-                        cov: DMatrix::from_row_slice(n, n, cov_of(track)),
-                    })
+                    .map(|track| Own::new(&means[track * n..(track + 1) * n], cov_of(track)))
                     .collect(),
             ),
         };
@@ -191,12 +206,22 @@ impl TrackBatch {
 
     /// Whether several tracks share a register.
     pub fn in_lanes(&self) -> bool {
-        matches!(self.states, States::Lanes(_))
+        matches!(self.states, States::Lanes(..))
     }
 
     /// Per track, how many measurements were left out because the innovation covariance was not positive definite.
     pub fn failures(&self) -> &[u64] {
         &self.failures
+    }
+
+    /// Per track, whether its covariance came close to being singular and is carried as its square root since.
+    pub fn escalated(&self) -> Vec<bool> {
+        let escalated = |own: &Own| own.factor.is_some() && self.filter.method().form == Form::Joseph;
+        let of = |track: usize| match &self.states {
+            States::Lanes(_, left) => left.get(&track).is_some_and(escalated),
+            States::Each(tracks) => escalated(&tracks[track]),
+        };
+        (0..self.tracks).map(of).collect()
     }
 
     /// Means B × n.
@@ -214,12 +239,11 @@ impl TrackBatch {
         let (mut means, mut covs) = (vec![0.0; self.tracks * n], vec![0.0; self.tracks * n * n]);
         for (track, (mean, cov)) in means.chunks_exact_mut(n).zip(covs.chunks_exact_mut(n * n)).enumerate() {
             match &self.states {
-                States::Lanes(lanes) => lanes.get(track, mean, cov),
-                States::Each(states) => {
-                    mean.copy_from_slice(states[track].mean.as_slice());
-                    // Symmetric: columns are rows.
-                    cov.copy_from_slice(states[track].cov.as_slice());
-                }
+                States::Lanes(lanes, left) => match left.get(&track) {
+                    Some(own) => own.get(mean, cov),
+                    None => lanes.get(track, mean, cov),
+                },
+                States::Each(tracks) => tracks[track].get(mean, cov),
             }
         }
         (means, covs)
@@ -272,7 +296,8 @@ impl TrackBatch {
             .next_multiple_of(LANES)
             .max(LANES * self.threads);
         // One piece is not interrupted, and lanes do not fail but by overflow.
-        let may_fail = !self.in_lanes() || self.tracks > size || self.huge;
+        let strict = self.filter.strict();
+        let may_fail = !self.in_lanes() || self.tracks > size || self.huge || strict;
         let copy = may_fail.then(|| (self.states.copied(), self.failures.clone()));
         let mut result = self.run_pieces(times, values, size, &mut out, &mut go_on);
         if result.is_ok() && self.huge {
@@ -324,100 +349,45 @@ impl TrackBatch {
                 return Err(Error::Interrupted);
             }
             let tracks = first..(first + size).min(self.tracks);
-            let part = |width: usize| first * times.len() * width..tracks.end * times.len() * width;
-            let values = &values[part(m)];
-            let outputs = Outputs {
-                means: out.means.get_mut(part(n)).unwrap_or_default(),
-                covs: out.covs.get_mut(part(n * n)).unwrap_or_default(),
-                nis: out.nis.get_mut(part(1)).unwrap_or_default(),
+            let values = &values[first * times.len() * m..tracks.end * times.len() * m];
+            let each = Each {
+                filter: &self.filter,
+                time: self.time,
+                times,
             };
             match &mut self.states {
-                States::Lanes(lanes) => {
+                States::Lanes(lanes, left) => {
+                    let mut singular = vec![false; tracks.len()];
                     let threads = self.threads.min(tracks.len() * times.len() / PER_THREAD).max(1);
                     let counts = &mut self.failures[tracks.clone()];
                     lanes.advance(
-                        tracks,
+                        tracks.clone(),
                         &lane_steps,
                         &noise,
                         values,
-                        outputs,
+                        out.of(tracks.clone(), times.len(), n),
                         counts,
+                        &mut singular,
                         self.level,
                         threads,
                     );
+                    for track in tracks.clone().filter(|&track| singular[track - tracks.start]) {
+                        left.entry(track)
+                            .or_insert_with(|| Own::leaving(lanes.as_mut(), track, n));
+                    }
+                    for (&track, own) in left.range_mut(tracks.clone()) {
+                        let from = (track - tracks.start) * times.len() * m;
+                        let values = &values[from..from + times.len() * m];
+                        let out = out.of(track..track + 1, times.len(), n);
+                        each.run(std::slice::from_mut(own), values, out, 1)?;
+                    }
                 }
-                States::Each(states) => {
-                    let each = Each {
-                        filter: &self.filter,
-                        time: self.time,
-                        times,
-                    };
-                    each.run(&mut states[tracks], values, outputs, self.threads)?;
+                States::Each(own) => {
+                    let out = out.of(tracks.clone(), times.len(), n);
+                    each.run(&mut own[tracks], values, out, self.threads)?;
                 }
             }
         }
         Ok(())
     }
-}
-
-/// The largest absolute value; what is NaN does not count. Eight at a time, so that they share registers.
-fn largest(values: &[f64]) -> f64 {
-    let larger = |a: f64, b: f64| if b > a { b } else { a };
-    let (blocks, rest) = values.as_chunks::<LANES>();
-    let mut most = [0.0; LANES];
-    for block in blocks {
-        for (most, value) in most.iter_mut().zip(block) {
-            *most = larger(*most, value.abs());
-        }
-    }
-    most.into_iter()
-        .chain(rest.iter().map(|value| value.abs()))
-        .fold(0.0, larger)
-}
-
-/// Dimensions and derivatives of what lanes know.
-fn structure(filter: &Filter) -> Option<(usize, usize)> {
-    let plain = !filter.adapts()
-        && filter.screen().is_none()
-        && filter.steps() == 1
-        && filter.method().form == Form::Joseph
-        && !matches!(filter.method().rule, super::extended::Rule::SecondOrder)
-        && matches!(filter.sensor(), SensorModel::Position(_));
-    let order = match filter.motion() {
-        MotionModel::RandomWalk(_) => 1,
-        MotionModel::ConstantVelocity(_) => 2,
-        MotionModel::ConstantAcceleration(_) => 3,
-        _ => return None,
-    };
-    plain.then(|| (filter.motion().position_dims(), order))
-}
-
-/// Time steps and the noise of each, axis by axis.
-fn steps(motion: &MotionModel, start: f64, times: &[f64]) -> Vec<RawStep> {
-    let dims = motion.position_dims();
-    let order = motion.state_dim() / dims;
-    let mut previous = start;
-    let mut last: Option<RawStep> = None;
-    let mut out = Vec::with_capacity(times.len());
-    for &time in times {
-        let dt = time - previous;
-        previous = time;
-        let step = match last {
-            Some(step) if step.dt.to_bits() == dt.to_bits() => step,
-            _ => {
-                let q = motion.noise(dt);
-                let mut noise: AxisNoise = [[0.0; 3]; 6];
-                let pairs = (0..order).flat_map(|row| (0..=row).map(move |column| (row, column)));
-                for (entry, (row, column)) in noise.iter_mut().zip(pairs) {
-                    for (axis, value) in entry.iter_mut().enumerate().take(dims) {
-                        *value = q[(row * dims + axis, column * dims + axis)];
-                    }
-                }
-                RawStep { dt, noise }
-            }
-        };
-        last = Some(step);
-        out.push(step);
-    }
-    out
 }

@@ -19,8 +19,8 @@
 //! once. With a constant dt P often becomes steady to the last bit, after some tens of rows.
 //!
 //! A run has it where its filter is plain ([`fixed`]): a linear motion, any sensor, no screen, no estimated noise, the Joseph
-//! form, everything adds. Of its rows those with a missing or infinite component and those whose S has no factor are left
-//! to the general path, which knows what to do with them; the bits are the same either way (`tests/fixed.rs`).
+//! form, everything adds. Of its rows those with a missing or infinite component, those whose S has no factor and those with a
+//! nearly singular P⁻ or P are left to the general path, which knows what to do with them; the bits are the same either way (`tests/fixed.rs`).
 //!
 //! Reference: see [`super::kalman`].
 
@@ -38,10 +38,14 @@ use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::interrupt::ahead;
 use crate::linalg::copy_rows;
-use crate::linalg::fixed::{Factor, Lines, add_scaled, mirror, same_bits, symmetrise, transpose};
+use crate::linalg::fixed::{Factor, Lines, add_scaled, little_left, mirror, same_bits, symmetrise, transpose};
+use crate::linalg::kernel::NEARLY_SINGULAR;
 use crate::linalg::sparse::UnitUpper;
 use crate::model::sensor::residual_into;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+
+/// So far from singular that rounding does not count.
+const SURE: f64 = 1e-11;
 
 /// Rows of a filter of one size.
 pub(super) trait FixedRows: Send + Sync {
@@ -110,6 +114,10 @@ struct Fixed<const N: usize, const M: usize> {
     /// H again, without its zeros, and whether it stays what it is.
     lines: Lines<M, N>,
     constant: bool,
+    /// Whether covariances are looked at.
+    watch: bool,
+    /// det R; 0 where it has no factor.
+    determinant: f64,
     /// R without its zeros, and (R + Rᵀ)/2.
     noise: Lines<M, M>,
     symmetric: [[f64; M]; M],
@@ -175,7 +183,8 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
                 }
             };
             if !self.last.as_ref().is_some_and(|last| same_bits(&last.before, &p)) {
-                self.last = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
+                let covs = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
+                self.last = covs.filter(|covs| !(self.watch && covs.nearly_singular(self.determinant)));
             }
             let Some(covs) = &self.last else {
                 break;
@@ -224,6 +233,7 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
         copy_rows(&filter.sensor().noise(), r.as_flattened_mut());
         let mut noise = Lines::new();
         noise.set(&r);
+        let symmetric = array::from_fn(|a| array::from_fn(|b| 0.5 * (r[a][b] + r[b][a])));
         Self {
             way: Way {
                 dt: f64::NAN,
@@ -235,8 +245,10 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
             h: [[0.0; N]; M],
             lines: Lines::new(),
             constant: false,
+            watch: filter.escalates(),
+            determinant: Factor::new(&symmetric).map_or(0.0, |factor| factor.determinant()),
             noise,
-            symmetric: array::from_fn(|a| array::from_fn(|b| 0.5 * (r[a][b] + r[b][a]))),
+            symmetric,
             last: None,
             mean: DVector::zeros(N),
         }
@@ -255,6 +267,19 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
         }
         residual_into(sensor, z, &expected, &mut r);
         Ok(r)
+    }
+}
+
+impl<const N: usize, const M: usize> Covariances<N, M> {
+    /// Whether P⁻ or P is. P is at least det R/det S of P⁻ (in the order of matrices): one look at P⁻ is mostly enough.
+    #[inline(always)]
+    fn nearly_singular(&self, noise: f64) -> bool {
+        let part = SURE * self.factor.determinant() / noise;
+        // Not where that is no number.
+        if part < 1.0 && !little_left(part, &self.ahead) {
+            return false;
+        }
+        little_left(NEARLY_SINGULAR, &self.ahead) || little_left(NEARLY_SINGULAR, &self.after)
     }
 }
 

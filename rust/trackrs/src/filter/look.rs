@@ -286,7 +286,7 @@ fn set_root(linearised: &mut Linearised, target: &Target<'_>, noise_root: &[f64]
 }
 
 /// The factor of R.
-fn set_noise_root(noise: &[f64], root: &mut [f64]) -> Result<()> {
+pub(super) fn set_noise_root(noise: &[f64], root: &mut [f64]) -> Result<()> {
     let m = noise.len().isqrt();
     lower_root(m, noise, &mut vec![0.0; m * m], root, "sensor noise")
 }

@@ -2,9 +2,11 @@
 
 pub mod adaptation;
 pub mod batch;
+mod booking;
 mod chart;
 mod complete;
 pub(crate) mod correction;
+pub(crate) mod escalation;
 pub mod extended;
 mod fit;
 mod fixed;
@@ -31,5 +33,6 @@ pub mod sigma_points;
 pub mod smoother;
 pub mod square_root;
 pub mod start;
+mod step;
 mod way_back;
 mod window;

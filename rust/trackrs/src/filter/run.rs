@@ -5,6 +5,8 @@ use super::runner::Epoch;
 use super::screen::{Screened, Verdict};
 use super::search::Start;
 use super::sequence::{Filter, History};
+use crate::error::Result;
+use crate::event::Books;
 use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
 use crate::linalg::stack::Stack;
 use crate::model::{Motion, Sensor, StateSpace};
@@ -47,6 +49,8 @@ pub struct FilterRun {
     pub start: usize,
     /// Where the states live.
     pub space: StateSpace,
+    /// Where every row went, and what happened on the way.
+    pub books: Books,
 }
 
 /// What every row gives.
@@ -86,6 +90,7 @@ impl FilterRun {
             q_hat: Stack::square(filter.adapted_dim()),
             r_hat: Stack::square(m),
             space: filter.motion().space(),
+            books: Books::new(filter.strict()),
             ..Self::new(n, m)
         }
     }
@@ -164,7 +169,8 @@ impl FilterRun {
     }
 
     /// Adds the rows up to and with the one that starts a run; that one's prediction ahead is not among them.
-    pub(super) fn push_start(&mut self, filter: &Filter, start: &Start, history: History, leads: bool) {
+    pub(super) fn push_start(&mut self, filter: &Filter, start: &Start, history: History, leads: bool) -> Result<()> {
+        self.book_start(start)?;
         let rows = if history == History::Last { 1 } else { start.row + 1 };
         self.start = start.row;
         self.filtered.fill_unknown(rows - 1);
@@ -199,6 +205,7 @@ impl FilterRun {
             let identity = nalgebra::DMatrix::<f64>::identity(n, n);
             (0..rows).for_each(|_| self.transitions.push(identity.as_slice()));
         }
+        Ok(())
     }
 
     fn forget(&mut self) {

@@ -10,6 +10,8 @@
 //!    last epochs, and the smoother's link is cut (F = 0); measurements that meet a prediction too vague to use them are held
 //!    until together they give a start, and the link stays.
 //!
+//! A covariance that comes close to being singular is carried as its square root from then on ([`super::escalation`]).
+//!
 //! Reference: Xi, Liu, Tao, Lu, Tracking submarine moving target with the adaptive estimation methodology; spec labels
 //! U19, U24–U28.
 
@@ -18,6 +20,8 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::adaptation::{Adaptation, Corrected};
+use super::booking::Place;
+use super::extended::Method;
 use super::fixed::{FixedRows, Now, fixed};
 use super::look::{Look, Target};
 use super::noise::ProcessedEpoch;
@@ -34,17 +38,21 @@ use crate::model::{Motion, Sensor};
 
 /// A filter with its state, between two epochs. The memory that an epoch works in serves the next one again.
 pub struct Runner<'a> {
-    filter: &'a Filter,
+    pub(super) filter: &'a Filter,
+    /// The filter's, and after an escalation that of roots.
+    pub(super) method: Method,
+    /// Whether covariances are looked at.
+    pub(super) watch: bool,
     time: f64,
-    state: Gaussian,
+    pub(super) state: Gaussian,
     /// Its factor, in square-root form.
-    factor: Option<Vec<f64>>,
-    prediction: Prediction,
+    pub(super) factor: Option<Vec<f64>>,
+    pub(super) prediction: Prediction,
     /// For predictions ahead.
-    ahead: Prediction,
+    pub(super) ahead: Prediction,
     between: Gaussian,
-    look: Look,
-    memory: Option<Adaptation>,
+    pub(super) look: Look,
+    pub(super) memory: Option<Adaptation>,
     gain: Vec<f64>,
     screened: Option<Screened>,
     allowance: f64,
@@ -52,7 +60,7 @@ pub struct Runner<'a> {
     used: Vec<f64>,
     recovery: Recovery<'a>,
     /// The rows that need nothing beyond a prediction and an update, where the filter is of a common size.
-    fixed: Option<Box<dyn FixedRows>>,
+    pub(super) fixed: Option<Box<dyn FixedRows>>,
 }
 
 /// What one epoch gives, until the next one.
@@ -76,6 +84,18 @@ pub struct Epoch<'a> {
     pub screened: Option<&'a Screened>,
     /// Whether the posterior is a new start instead of the update's.
     pub restarted: bool,
+    /// Whether the measurement waits, because the prediction is too vague to use it by.
+    pub held: bool,
+    /// Whether covariances are carried as square roots from here on, because one came close to being singular.
+    pub escalated: bool,
+}
+
+/// What became of an epoch.
+#[derive(Clone, Copy, Default)]
+struct Outcome {
+    restarted: bool,
+    held: bool,
+    escalated: bool,
 }
 
 impl<'a> Runner<'a> {
@@ -88,16 +108,18 @@ impl<'a> Runner<'a> {
             .map_or(0.0, |screen| screen.allowance_for(filter.sensor()));
         let space = filter.motion().space();
         let n = space.dim;
-        let method = filter.method();
+        let method = *filter.method();
         Ok(Self {
             filter,
+            method,
+            watch: filter.escalates(),
             time: initial.time,
             factor: factor_of(method.form, &state.cov)?,
             between: state.clone(),
             state,
             prediction: Prediction::new(space, method.rule, method.form),
             ahead: Prediction::new(space, method.rule, method.form),
-            look: Look::new(space, filter.sensor(), method)?,
+            look: Look::new(space, filter.sensor(), &method)?,
             gain: vec![
                 0.0;
                 if memory.is_some() {
@@ -145,7 +167,10 @@ impl<'a> Runner<'a> {
                     time: &mut self.time,
                     state: &mut self.state,
                 };
-                rows.start += fixed.advance(self.filter, now, data, rows.clone(), history, run)?;
+                let taken = fixed.advance(self.filter, now, data, rows.clone(), history, run)?;
+                run.books.ledger.rows_in += taken as u64;
+                run.books.ledger.used += taken as u64;
+                rows.start += taken;
             }
             let Some(row) = rows.next() else {
                 break;
@@ -153,17 +178,19 @@ impl<'a> Runner<'a> {
             ahead(n * n * n);
             let input = data.inputs.map(|inputs| &inputs[row * n..(row + 1) * n]);
             let measurement = &data.measurements[row * m..(row + 1) * m];
-            let restarted = self.advance_to(data.times[row], measurement, input)?;
-            run.push(
-                data.first_row + row,
-                &self.epoch(restarted),
-                self.memory.as_ref(),
-                history,
-            );
+            let outcome = self.advance_to(data.times[row], measurement, input)?;
+            let place = Place {
+                row: data.first_row + row,
+                time: self.time,
+            };
+            let epoch = self.epoch(outcome);
+            run.book(&place, measurement, &epoch)?;
+            run.push(place.row, &epoch, self.memory.as_ref(), history);
             if let Some(leads) = data.leads {
                 self.look_ahead(leads[row], history, run)?;
             }
         }
+        run.books.ledger.check()?;
         // Those of the last row alone where no other is kept.
         let known = if history == History::Last { 0 } else { known };
         match run.filtered.first_not_finite(known) {
@@ -194,7 +221,7 @@ impl<'a> Runner<'a> {
     }
 
     /// Predicts the state to `dt` seconds later, in as many steps as the filter takes.
-    fn predict(&mut self, dt: f64, input: Option<&[f64]>) -> Result<()> {
+    pub(super) fn predict(&mut self, dt: f64, input: Option<&[f64]>) -> Result<()> {
         let motion = self.filter.motion();
         let steps = self.filter.steps();
         let dt = dt / steps as f64;
@@ -231,11 +258,15 @@ impl<'a> Runner<'a> {
     /// Goes on to a measurement (length m, NaN = not observed) at `time`, not before the last one; `input` (length n) is
     /// added to the predicted state.
     pub fn step(&mut self, time: f64, measurement: &[f64], input: Option<&[f64]>) -> Result<Epoch<'_>> {
-        let restarted = self.advance_to(time, measurement, input)?;
-        Ok(self.epoch(restarted))
+        let outcome = self.advance_to(time, measurement, input)?;
+        let epoch = self.epoch(outcome);
+        if self.filter.strict() {
+            FilterRun::of(self.filter).book(&Place { row: 0, time }, measurement, &epoch)?;
+        }
+        Ok(epoch)
     }
 
-    fn epoch(&self, restarted: bool) -> Epoch<'_> {
+    fn epoch(&self, outcome: Outcome) -> Epoch<'_> {
         let correction = &self.look.correction;
         Epoch {
             prediction: &self.prediction,
@@ -246,14 +277,20 @@ impl<'a> Runner<'a> {
             dof: correction.dof,
             log_likelihood: correction.log_likelihood,
             screened: self.screened.as_ref(),
-            restarted,
+            restarted: outcome.restarted,
+            held: outcome.held,
+            escalated: outcome.escalated,
         }
     }
 
-    /// Whether the filter started anew.
-    fn advance_to(&mut self, time: f64, measurement: &[f64], input: Option<&[f64]>) -> Result<bool> {
+    fn advance_to(&mut self, time: f64, measurement: &[f64], input: Option<&[f64]>) -> Result<Outcome> {
         let (motion, sensor) = (self.filter.motion(), self.filter.sensor());
-        self.predict(time - self.time, input)?;
+        let (n, dt) = (self.state.dim(), time - self.time);
+        let mut outcome = Outcome::default();
+        self.predict(dt, input)?;
+        if self.watch && self.prediction.state.is_nearly_singular() {
+            outcome.escalated = self.escalate(dt, input);
+        }
         if let Some(memory) = &self.memory {
             self.look.set_noise(memory.r().as_slice())?;
         }
@@ -263,6 +300,7 @@ impl<'a> Runner<'a> {
             input,
         };
         let held = self.recovery.hold(self.filter, &row, &self.prediction.state)?;
+        outcome.held = held.is_some();
         self.used.clear();
         match held {
             Some(_) => self.used.resize(measurement.len(), f64::NAN),
@@ -278,7 +316,7 @@ impl<'a> Runner<'a> {
         self.look.expect(&target, &self.used)?;
         if let Some(screen) = self.filter.screen() {
             let expected = &self.look.linearised.prediction;
-            let jacobian = DMatrix::from_row_slice(measurement.len(), self.state.dim(), expected.jacobian());
+            let jacobian = DMatrix::from_row_slice(measurement.len(), n, expected.jacobian());
             let dims = motion.position_dims();
             let outcome = screen.screen(&self.look.innovation, expected.cov(), &jacobian, dims, self.allowance)?;
             for (i, verdict) in outcome.verdicts.iter().enumerate() {
@@ -289,6 +327,18 @@ impl<'a> Runner<'a> {
             self.screened = Some(outcome);
         }
         self.look.correct(&target, &self.used)?;
+        if self.watch && self.look.correction.posterior.is_nearly_singular() && self.escalate(dt, input) {
+            outcome.escalated = true;
+            let target = Target {
+                prior: &self.prediction.state,
+                factor: self.prediction.factor(),
+                carried: self.prediction.carried(),
+                sensor,
+                platform: None,
+            };
+            self.look.expect(&target, &self.used)?;
+            self.look.correct(&target, &self.used)?;
+        }
         self.time = time;
         std::mem::swap(&mut self.state, &mut self.look.correction.posterior);
         if let (Some(factor), Some(found)) = (
@@ -306,12 +356,13 @@ impl<'a> Runner<'a> {
             start.inspect(|start| self.prediction.cut(start))
         };
         if let Some(start) = found {
-            self.factor = factor_of(self.filter.method().form, &start.cov)?;
+            self.factor = factor_of(self.method.form, &start.cov)?;
             self.state = start;
             if let Some(memory) = &mut self.memory {
                 memory.restart((&self.state).into());
             }
-            return Ok(true);
+            outcome.restarted = true;
+            return Ok(outcome);
         }
         if let Some(memory) = &mut self.memory {
             let epoch = ProcessedEpoch {
@@ -323,7 +374,7 @@ impl<'a> Runner<'a> {
                 platform: None,
             };
             let correction = &self.look.correction;
-            correction.gain_into(self.state.dim(), &mut self.gain);
+            correction.gain_into(n, &mut self.gain);
             let corrected = Corrected {
                 innovation: self.look.innovation.as_slice(),
                 gain: &self.gain,
@@ -332,6 +383,6 @@ impl<'a> Runner<'a> {
             };
             memory.push(&epoch, &corrected, sensor)?;
         }
-        Ok(false)
+        Ok(outcome)
     }
 }

@@ -37,6 +37,8 @@ pub struct Start {
     pub row: usize,
     /// The state, with that measurement in it.
     pub initial: InitialState,
+    /// How many measurements it is made of.
+    pub rows: usize,
 }
 
 /// Looks through measurements for the first from which a run can start.
@@ -159,7 +161,8 @@ impl<'a> Starter<'a> {
         for (row, (&time, measurement)) in times.iter().zip(measurements).enumerate() {
             let input = inputs.and_then(|inputs| inputs.get(row));
             if let Some(initial) = self.push(time, measurement, input)? {
-                return Ok(Some(Start { row, initial }));
+                let rows = self.groups.iter().map(|group| group.rows.len()).sum();
+                return Ok(Some(Start { row, initial, rows }));
             }
         }
         Ok(None)

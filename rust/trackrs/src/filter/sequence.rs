@@ -11,18 +11,15 @@ use super::adaptation::{Adaptation, NoiseRule};
 use super::complete::flatten;
 use super::extended::{Method, Rule};
 use super::lead::Lead;
-use super::prediction::{Course, Prediction};
 use super::run::FilterRun;
 use super::runner::Runner;
 use super::screen::ChiSquareScreen;
 use super::search::{START_ALPHA, Start, Starter};
 use super::sigma_points::SigmaPoints;
-use super::square_root::{Form, factor_of};
-use super::{extended, kalman};
+use super::square_root::Form;
 use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::gaussian::Gaussian;
 use crate::model::motion::{Augmented, RigidBody};
-use crate::model::sensor::check_platform;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
 /// The estimate to begin with.
@@ -71,6 +68,7 @@ pub struct Filter {
     horizon: Option<f64>,
     screen: Option<ChiSquareScreen>,
     adapt: Option<NoiseRule>,
+    strict: bool,
 }
 
 impl Filter {
@@ -92,6 +90,7 @@ impl Filter {
             horizon: None,
             screen: None,
             adapt: None,
+            strict: false,
         })
     }
 
@@ -199,6 +198,28 @@ impl Filter {
         Ok(self)
     }
 
+    /// The same filter with the first event of a run an error.
+    #[must_use]
+    pub fn with_strict(mut self) -> Self {
+        self.strict = true;
+        self
+    }
+
+    /// Whether the first event of a run is an error.
+    pub fn strict(&self) -> bool {
+        self.strict
+    }
+
+    /// Whether covariances that come close to being singular go on as square roots: those of the Joseph form do, where
+    /// [`Self::with_form`] would allow it.
+    pub(super) fn escalates(&self) -> bool {
+        let allowed = match self.method.rule {
+            Rule::SigmaPoints(points) => points.redraws() && points.is_definite(self.motion.state_dim()),
+            _ => true,
+        };
+        allowed && self.method.form == Form::Joseph
+    }
+
     /// The screen for gross errors, where one is set.
     pub fn screen(&self) -> Option<&ChiSquareScreen> {
         self.screen.as_ref()
@@ -245,52 +266,6 @@ impl Filter {
         &self.sensor
     }
 
-    /// The estimate `dt` seconds later.
-    pub fn predict(&self, state: &Gaussian, dt: f64, input: Option<&DVector<f64>>) -> Result<Gaussian> {
-        require_size("state", self.motion.state_dim(), state.dim())?;
-        require_finite("dt", [&dt])?;
-        if dt < 0.0 {
-            return Err(Error::TimeReversed {
-                time: dt,
-                previous: 0.0,
-            });
-        }
-        self.require_states("input", input)?;
-        let input = input.map(|input| self.complete_input(input));
-        let mut prediction = Prediction::new(self.motion.space(), self.method.rule, self.method.form);
-        let mut factor = factor_of(self.method.form, &state.cov)?;
-        let mut state = state.clone();
-        for step in 0..self.steps {
-            let course = Course {
-                motion: &self.motion,
-                dt: dt / self.steps as f64,
-                input: input.as_ref().filter(|_| step + 1 == self.steps).map(DVector::as_slice),
-                noise: None,
-            };
-            prediction.predict(&state, factor.as_deref(), &course)?;
-            state.clone_from(&prediction.state);
-            factor = prediction.factor().map(<[f64]>::to_vec);
-        }
-        state.require_finite("prediction")?;
-        Ok(state)
-    }
-
-    /// The estimate after one measurement (length m, NaN = not observed), taken from `platform` if the sensor moves.
-    pub fn update(
-        &self,
-        state: &Gaussian,
-        measurement: &DVector<f64>,
-        platform: Option<&DVector<f64>>,
-    ) -> Result<kalman::Update> {
-        require_size("state", self.motion.state_dim(), state.dim())?;
-        check_platform(&self.sensor, platform)?;
-        self.require_possible(measurement.as_slice(), &"")?;
-        let space = self.motion.space();
-        let update = extended::update_in(space, state, &self.sensor, measurement, platform, self.method)?;
-        update.posterior.require_finite("estimate")?;
-        Ok(update)
-    }
-
     /// Runs over T times and measurements; `inputs`, where given, are T vectors added to the predicted states.
     /// Without `initial` the run starts itself, if the sensor can fix positions.
     pub fn run(
@@ -335,7 +310,7 @@ impl Filter {
             let Some(start) = starter.search(times, measurements, inputs)? else {
                 return Err(starter.failure());
             };
-            run.push_start(self, &start, history, leads.is_some());
+            run.push_start(self, &start, history, leads.is_some())?;
             from = start.row + 1;
             let mut runner = Runner::new(self, &start.initial)?;
             if let Some(leads) = &leads {
@@ -355,14 +330,14 @@ impl Filter {
 
     /// The rows of a run up to and with the one that starts it.
     /// With `leads`, that one's prediction ahead is still to come: [`Runner::look_ahead`].
-    pub fn begun(&self, start: &Start, history: History, leads: bool) -> FilterRun {
+    pub fn begun(&self, start: &Start, history: History, leads: bool) -> Result<FilterRun> {
         let mut run = FilterRun::of(self);
-        run.push_start(self, start, history, leads);
-        run
+        run.push_start(self, start, history, leads)?;
+        Ok(run)
     }
 
     /// Refuses what no target could cause; a screen finds it by itself.
-    fn require_possible(&self, measurement: &[f64], place: &dyn std::fmt::Display) -> Result<()> {
+    pub(super) fn require_possible(&self, measurement: &[f64], place: &dyn std::fmt::Display) -> Result<()> {
         let Some(i) = self.sensor.impossible(measurement) else {
             return Ok(());
         };

@@ -16,6 +16,8 @@ pub struct Block<const N: usize, const PN: usize> {
     pub mean: [Lane; N],
     /// Covariances.
     pub cov: [Lane; PN],
+    /// What the determinants of the covariances are at least; −∞ where that is not known.
+    pub det: Lane,
 }
 
 /// Where the entry (i, j) of a symmetric matrix stands in its lower triangle.
@@ -28,12 +30,28 @@ pub const fn at(i: usize, j: usize) -> usize {
     }
 }
 
+/// The largest absolute value; what is NaN does not count. Eight at a time, so that they share registers.
+pub(crate) fn largest(values: &[f64]) -> f64 {
+    let larger = |a: f64, b: f64| if b > a { b } else { a };
+    let (blocks, rest) = values.as_chunks::<LANES>();
+    let mut most = [0.0; LANES];
+    for block in blocks {
+        for (most, value) in most.iter_mut().zip(block) {
+            *most = larger(*most, value.abs());
+        }
+    }
+    most.into_iter()
+        .chain(rest.iter().map(|value| value.abs()))
+        .fold(0.0, larger)
+}
+
 impl<const N: usize, const PN: usize> Block<N, PN> {
     /// Eight tracks at the origin with unit covariances: what fills the last block up.
     pub fn padding() -> Self {
         let mut block = Self {
             mean: [Lane([0.0; LANES]); N],
             cov: [Lane([0.0; LANES]); PN],
+            det: Lane([f64::NEG_INFINITY; LANES]),
         };
         for i in 0..N {
             block.cov[at(i, i)] = Lane([1.0; LANES]);
@@ -43,6 +61,7 @@ impl<const N: usize, const PN: usize> Block<N, PN> {
 
     /// Puts a track into a lane: its mean, and its covariance N×N row by row, of which the lower triangle is read.
     pub fn set(&mut self, lane: usize, mean: &[f64], cov: &[f64]) {
+        self.det.0[lane] = f64::NEG_INFINITY;
         for (to, from) in self.mean.iter_mut().zip(mean) {
             to.0[lane] = *from;
         }
@@ -50,6 +69,15 @@ impl<const N: usize, const PN: usize> Block<N, PN> {
             for j in 0..=i {
                 self.cov[at(i, j)].0[lane] = cov[i * N + j];
             }
+        }
+    }
+
+    /// Makes a lane that of another block.
+    pub(crate) fn put_back(&mut self, lane: usize, from: &Self) {
+        let pairs = self.mean.iter_mut().zip(&from.mean);
+        let pairs = pairs.chain(self.cov.iter_mut().zip(&from.cov));
+        for (to, from) in pairs.chain([(&mut self.det, &from.det)]) {
+            to.0[lane] = from.0[lane];
         }
     }
 

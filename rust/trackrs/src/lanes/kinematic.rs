@@ -19,6 +19,7 @@
 //! 4. S = P_pp + R = L Δ Lᵀ, one reciprocal per pivot; a track with a pivot that is not positive keeps its prediction
 //! 5. G = P Hᵀ S⁻¹ by two substitutions; x += G ν; νᵀ S⁻¹ ν
 //! 6. A = (I − G H) P; P = A (I − G H)ᵀ + G R Gᵀ (Joseph), lower triangle
+//! 7. a track whose P is nearly singular is marked (`condition`) and stays where it was before the first step
 //!
 //! The order of the operations is that of the loops at every level, so that the bits are the same. A lane is masked, not
 //! branched on.
@@ -55,7 +56,7 @@ const fn cov<const D: usize>(a: usize, i: usize, b: usize, j: usize) -> usize {
 
 /// The next index.
 #[inline(always)]
-const fn after(index: usize) -> usize {
+pub(super) const fn after(index: usize) -> usize {
     index.wrapping_add(1)
 }
 
@@ -67,7 +68,7 @@ fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
 
 /// a − b c.
 #[inline(always)]
-fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+pub(super) fn less<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
     simd.sub_f64s(a, simd.mul_f64s(b, c))
 }
 
@@ -178,6 +179,8 @@ pub(super) struct Found<S: Simd> {
     pub(super) nis: S::f64s,
     /// 1 where a pivot was not positive.
     pub(super) failed: S::f64s,
+    /// |R|/|S|.
+    pub(super) shrunk: S::f64s,
 }
 
 /// Equations 3 to 6.
@@ -240,10 +243,16 @@ pub(super) fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
     for k in 0..D {
         nis = more(simd, nis, nu[k], solved[k]);
     }
+    let mut shrunk = one;
+    for k in 0..D {
+        let part = simd.mul_f64s(simd.splat_f64s(sensor[k]), factor.reciprocal[k]);
+        shrunk = simd.mul_f64s(shrunk, simd.select_f64s(seen[k], part, one));
+    }
     let scored = simd.and_m64s(any, good);
     Found {
         nis: simd.select_f64s(scored, nis, simd.splat_f64s(f64::NAN)),
         failed: simd.select_f64s(good, zero, one),
+        shrunk: simd.select_f64s(good, shrunk, one),
     }
 }
 

@@ -8,6 +8,7 @@
 #![allow(clippy::needless_range_loop, clippy::inline_always)]
 
 pub mod block;
+mod condition;
 pub(crate) mod distances;
 pub mod kinematic;
 pub mod level;

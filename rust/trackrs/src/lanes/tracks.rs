@@ -37,6 +37,7 @@ pub(crate) trait Lanes: Debug + Send + Sync {
         values: &[f64],
         out: Outputs<'_>,
         failures: &mut [u64],
+        singular: &mut [bool],
         level: Level,
         threads: usize,
     );
@@ -92,6 +93,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         values: &[f64],
         out: Outputs<'_>,
         failures: &mut [u64],
+        singular: &mut [bool],
         level: Level,
         threads: usize,
     ) {
@@ -114,9 +116,15 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         let mut nis = out.nis.chunks_mut(rows.max(1));
         let values = values.chunks((rows * D).max(1));
         let counts = failures.chunks_mut(share * LANES);
+        let singular = singular.chunks_mut(share * LANES);
         let count = tracks.len();
-        let work = blocks.chunks_mut(share).zip(values).zip(counts).enumerate();
-        let work = work.map(|(k, ((blocks, values), failures))| Work::<D, K, N, PN> {
+        let work = blocks
+            .chunks_mut(share)
+            .zip(values)
+            .zip(counts)
+            .zip(singular)
+            .enumerate();
+        let work = work.map(|(k, (((blocks, values), failures), singular))| Work::<D, K, N, PN> {
             tracks: (count - k * share * LANES).min(share * LANES),
             blocks,
             steps: &steps,
@@ -128,6 +136,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
                 nis: nis.next().unwrap_or_default(),
             },
             failures,
+            singular,
         });
         if threads <= 1 {
             work.for_each(|work| arch.dispatch(work));
@@ -157,7 +166,7 @@ mod tests {
             for (track, variance) in [3.0, -5.0, 3.0].into_iter().enumerate() {
                 tracks.set(track, &[1.0], &[variance]);
             }
-            let (mut nis, mut failures) = ([0.0; 3], [0; 3]);
+            let (mut nis, mut failures, mut singular) = ([0.0; 3], [0; 3], [false; 3]);
             let out = Outputs {
                 nis: &mut nis,
                 ..Outputs::default()
@@ -169,10 +178,11 @@ mod tests {
                 &[5.0, 5.0, f64::NAN],
                 out,
                 &mut failures,
+                &mut singular,
                 level,
                 1,
             );
-            assert_eq!(failures, [0, 1, 0]);
+            assert_eq!((failures, singular), ([0, 1, 0], [false, true, false]));
             assert!(nis[0] == 4.0 && nis[1].is_nan() && nis[2].is_nan(), "{nis:?}");
             let found = [0, 1, 2].map(|track| {
                 let (mut mean, mut cov) = ([0.0], [0.0]);

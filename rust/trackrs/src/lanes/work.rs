@@ -7,6 +7,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::block::{Block, LANES, Lane};
+use super::condition::{Condition, variances};
 use super::kinematic::{Step, predict, update};
 use super::transport::{gather, load, scatter, scatter_symmetric, store};
 
@@ -36,6 +37,8 @@ pub(crate) struct Work<'a, const D: usize, const K: usize, const N: usize, const
     pub(crate) out: Outputs<'a>,
     /// Per track: how often it kept its prediction because of a pivot.
     pub(crate) failures: &'a mut [u64],
+    /// Per track: whether its covariance came close to being singular.
+    pub(crate) singular: &'a mut [bool],
 }
 
 impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd for Work<'_, D, K, N, PN> {
@@ -51,12 +54,17 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
             values,
             out,
             failures,
+            singular,
         } = self;
         let count = steps.len();
         let width = S::F64_LANES;
         for (pair, blocks) in blocks.chunks_mut(TOGETHER).enumerate() {
             let begin = pair * TOGETHER * LANES;
-            let mut failed = [Lane([0.0; LANES]); TOGETHER];
+            let (mut failed, mut marked) = ([Lane([0.0; LANES]); TOGETHER], [Lane([0.0; LANES]); TOGETHER]);
+            let mut before = [Block::padding(); TOGETHER];
+            for (to, from) in before.iter_mut().zip(blocks.iter()) {
+                *to = *from;
+            }
             for (t, step) in steps.iter().enumerate() {
                 for (b, block) in blocks.iter_mut().enumerate() {
                     for register in 0..LANES / width {
@@ -68,10 +76,20 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                         let z = gather::<S, D>(simd, values, first, used, count, t);
                         let mut x = load::<S, N>(simd, &block.mean, register);
                         let mut p = load::<S, PN>(simd, &block.cov, register);
+                        let mut condition = Condition::<S> {
+                            det: S::as_simd_f64s(&block.det.0).0[register],
+                            singular: S::as_simd_f64s(&marked[b].0).0[register],
+                        };
                         predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
+                        let scale = variances::<S, N, PN>(simd, &p);
+                        condition.check::<N, PN>(simd, &p, scale);
                         let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
+                        condition.det = simd.mul_f64s(condition.det, found.shrunk);
+                        condition.check::<N, PN>(simd, &p, scale);
                         store::<S, N>(&mut block.mean, &x, register);
                         store::<S, PN>(&mut block.cov, &p, register);
+                        S::as_mut_simd_f64s(&mut block.det.0).0[register] = condition.det;
+                        S::as_mut_simd_f64s(&mut marked[b].0).0[register] = condition.singular;
                         let failures = &mut S::as_mut_simd_f64s(&mut failed[b].0).0[register];
                         *failures = simd.add_f64s(*failures, found.failed);
                         if !out.means.is_empty() {
@@ -84,6 +102,14 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                             scatter::<S, 1>(out.nis, &[found.nis], first, used, count, t);
                         }
                     }
+                }
+            }
+            let marked = marked.iter().flat_map(|lane| &lane.0);
+            for (track, (singular, &mark)) in singular[begin..].iter_mut().zip(marked).enumerate() {
+                if mark > 0.0 {
+                    *singular = true;
+                    let (b, lane) = (track / LANES, track % LANES);
+                    blocks[b].put_back(lane, &before[b]);
                 }
             }
             for (count, &lane) in failures[begin..].iter_mut().zip(failed.iter().flat_map(|lane| &lane.0)) {

@@ -190,6 +190,33 @@ pub(crate) fn symmetrise<const N: usize>(a: &mut [[f64; N]; N]) {
     }
 }
 
+/// See [`kernel::little_left`].
+#[inline(always)]
+pub(crate) fn little_left<const N: usize>(part: f64, cov: &[[f64; N]; N]) -> bool {
+    let mut a = *cov;
+    for j in 0..N {
+        let pivot = a[j][j];
+        if pivot <= part * cov[j][j] {
+            if cov[j].iter().all(|&x| x == 0.0) {
+                continue;
+            }
+            return true;
+        }
+        let inverse = 1.0 / pivot;
+        for i in 0..N {
+            if i > j {
+                let factor = a[i][j] * inverse;
+                for k in 0..N {
+                    if k > j && k <= i {
+                        a[i][k] -= factor * a[k][j];
+                    }
+                }
+            }
+        }
+    }
+    false
+}
+
 /// L of A = L Lᵀ in the lower half, with one over every number of its diagonal.
 pub(crate) struct Factor<const M: usize> {
     lower: [[f64; M]; M],
@@ -224,6 +251,16 @@ impl<const M: usize> Factor<M> {
             }
         }
         Some(Self { lower: a, inverse })
+    }
+
+    /// det A.
+    #[inline(always)]
+    pub(crate) fn determinant(&self) -> f64 {
+        let mut product = 1.0;
+        for i in 0..M {
+            product *= self.lower[i][i] * self.lower[i][i];
+        }
+        product
     }
 
     /// The rows of B become those of L⁻¹ B.

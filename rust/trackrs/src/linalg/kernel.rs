@@ -191,6 +191,37 @@ pub(crate) fn mirror(n: usize, a: &mut [f64]) {
     }
 }
 
+/// A covariance is nearly singular where this part or less of a component's variance is left once those before it are known:
+/// the condition of its correlation matrix is 1e14 or more then, whatever the units.
+pub(crate) const NEARLY_SINGULAR: f64 = 1e-14;
+
+/// Whether `part` or less of a component's variance is left once those before it are known, of a covariance n×n: its pivots d_j
+/// (C = L D Lᵀ) against its diagonal. What is exactly known (a row of zeros) does not count, and numbers that are not finite
+/// are no matter of condition. `work` is n×n.
+#[inline(always)]
+pub(crate) fn little_left<const N: usize>(n: usize, part: f64, cov: &[f64], work: &mut [f64]) -> bool {
+    let n = known::<N>(n);
+    let (cov, a) = (&cov[..n * n], &mut work[..n * n]);
+    a.copy_from_slice(cov);
+    for j in 0..n {
+        let pivot = a[j * n + j];
+        if pivot <= part * cov[j * n + j] {
+            if cov[j * n..(j + 1) * n].iter().all(|&x| x == 0.0) {
+                continue;
+            }
+            return true;
+        }
+        let inverse = 1.0 / pivot;
+        for i in j + 1..n {
+            let factor = a[i * n + j] * inverse;
+            for k in j + 1..=i {
+                a[i * n + k] -= factor * a[k * n + j];
+            }
+        }
+    }
+    false
+}
+
 /// A pivot that is not positive and finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct BadPivot {

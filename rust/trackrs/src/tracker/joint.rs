@@ -211,7 +211,9 @@ impl MultiTargetTracker {
             let live = &mut self.tracks[member.track];
             let prior = priors.of(member.track, epoch, live);
             let measured = look.rows[pair.report].value.as_slice();
-            bench.update(member.slot + epoch, prior, &look.sensor, measured)?;
+            if bench.update(member.slot + epoch, prior, &look.sensor, measured)? {
+                live.rooted.again();
+            }
             if epoch == now && count == 1 && hypotheses.is_empty() {
                 live.update_from(&bench.posterior, look.scan.time);
                 return Ok(());

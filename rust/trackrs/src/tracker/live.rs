@@ -7,6 +7,8 @@ use super::health::Monitor;
 use super::lifecycle::{Start, Window};
 use super::look::Look;
 use crate::error::Result;
+use crate::filter::escalation::predict_by_root;
+use crate::filter::extended::Rule;
 use crate::filter::prediction::{Course, Prediction};
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, MotionModel};
@@ -30,6 +32,32 @@ pub(super) struct LiveTrack {
     pub(super) existence: Option<f64>,
     #[serde(default, skip_serializing_if = "Monitor::is_empty")]
     pub(super) monitor: Monitor,
+    #[serde(default, skip_serializing_if = "Rooted::is_never")]
+    pub(super) rooted: Rooted,
+}
+
+/// Whether a step of a track was done by roots, because its covariance came close to being singular.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(super) enum Rooted {
+    #[default]
+    Never,
+    /// In this scan for the first time.
+    Now,
+    Before,
+}
+
+impl Rooted {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for a reference")]
+    fn is_never(&self) -> bool {
+        *self == Self::Never
+    }
+
+    /// It happened in this scan.
+    pub(super) fn again(&mut self) {
+        if *self == Self::Never {
+            *self = Self::Now;
+        }
+    }
 }
 
 /// The estimate after the last update, for predictions in one step (N13, `paper`).
@@ -56,6 +84,7 @@ impl LiveTrack {
             hits: 0,
             existence: None,
             monitor: Monitor::default(),
+            rooted: Rooted::Never,
         }
     }
 
@@ -63,6 +92,7 @@ impl LiveTrack {
     pub(super) fn advance(
         &mut self,
         prediction: &mut Prediction,
+        rule: Rule,
         motion: &MotionModel,
         from: f64,
         to: f64,
@@ -78,6 +108,13 @@ impl LiveTrack {
             noise: None,
         };
         prediction.predict(prior, None, &course)?;
+        if prediction.state.is_nearly_singular()
+            && let Ok(state) = predict_by_root(motion.space(), rule, prior, &course)
+        {
+            self.rooted.again();
+            copy(&state, &mut self.state);
+            return Ok(());
+        }
         copy(&prediction.state, &mut self.state);
         Ok(())
     }

@@ -23,7 +23,7 @@ use super::health::Monitor;
 use super::intake::{Intake, Needs};
 use super::joint::{Group, Priors};
 use super::lifecycle::{Initiator, Start, Window};
-use super::live::LiveTrack;
+use super::live::{LiveTrack, Rooted};
 use super::look::Look;
 use super::two_point::Waiting;
 use super::workspace::Workspace;
@@ -86,6 +86,7 @@ impl MultiTargetTracker {
                 last_hit: start.time,
                 hits: 0,
                 monitor: Monitor::default(),
+                rooted: Rooted::Never,
             };
             tracker.next_id += 1;
             tracker.tracks.push(track);
@@ -173,6 +174,7 @@ impl MultiTargetTracker {
                 }
             }
             self.work.put_back(index, bench);
+            self.tell_rooted(scan)?;
             self.map_clutter(&mut look);
             self.end(&look);
             self.check_health(&look)?;
@@ -228,7 +230,7 @@ impl MultiTargetTracker {
         }
         let prediction = self.work.prediction(&self.config);
         for track in &mut self.tracks {
-            track.advance(prediction, &self.config.motion, from, to)?;
+            track.advance(prediction, self.config.filter.rule(), &self.config.motion, from, to)?;
         }
         Ok(())
     }
@@ -250,6 +252,17 @@ impl MultiTargetTracker {
         let ahead = look.scan.time - before;
         self.drop_diverged(look.scan, || format!("{ahead} s ahead their prediction"))?;
         Ok(Priors(priors))
+    }
+
+    /// Tells of every track once that steps of it are done by roots.
+    fn tell_rooted(&mut self, scan: &Scan) -> Result<()> {
+        for track in self.tracks.iter_mut().filter(|track| track.rooted == Rooted::Now) {
+            track.rooted = Rooted::Before;
+            let name = track.id.map_or("a tentative track".into(), |id| format!("track {id}"));
+            let reason = format!("the covariance of {name} is nearly singular: such steps are done by its root");
+            self.intake.record(scan, EventCode::Escalated, None, &reason)?;
+        }
+        Ok(())
     }
 
     fn drop_diverged(&mut self, scan: &Scan, what: impl Fn() -> String) -> Result<()> {

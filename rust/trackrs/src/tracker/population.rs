@@ -2,7 +2,7 @@
 
 use super::health::Monitor;
 use super::lifecycle::{Existence, Initiator, Window, ended, enough_hits, hopeless, moves, speed, start_state_into};
-use super::live::{LiveTrack, Stored, distance};
+use super::live::{LiveTrack, Rooted, Stored, distance};
 use super::look::Look;
 use super::multi_target::MultiTargetTracker;
 use super::two_point::{Waiting, pair_up};
@@ -195,6 +195,7 @@ impl MultiTargetTracker {
         track.start.reset(earliest.position.mean.as_slice());
         track.hits = 0;
         track.monitor = Monitor::default();
+        track.rooted = Rooted::Never;
         track.existence = match self.config.initiator {
             Initiator::MofN(_) => None,
             Initiator::Existence(rule) => Some(rule.initial),
@@ -211,7 +212,13 @@ impl MultiTargetTracker {
         if report.time < now {
             let prediction = self.work.prediction(&self.config);
             // Those that predict in long steps stand where they are stored.
-            track.advance(prediction, &self.config.motion, report.time, now)?;
+            track.advance(
+                prediction,
+                self.config.filter.rule(),
+                &self.config.motion,
+                report.time,
+                now,
+            )?;
         }
         self.tracks.push(track);
         Ok(())

@@ -111,7 +111,9 @@ impl MultiTargetTracker {
         let pairs = std::mem::take(&mut bench.pairs);
         for ((&track, beta), pair) in gating.iter().zip(betas).zip(&pairs) {
             let live = &mut self.tracks[track];
-            bench.update(track, &live.state, &look.sensor, value.as_slice())?;
+            if bench.update(track, &live.state, &look.sensor, value.as_slice())? {
+                live.rooted.again();
+            }
             let updated = partial_update(&space, &live.state, &bench.posterior, beta, npda.covariance);
             live.update_from(&updated, time);
             if beta > largest && explained >= 0.5 {

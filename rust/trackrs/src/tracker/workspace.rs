@@ -207,14 +207,15 @@ impl Bench {
         self.gating.edge_log_likelihood(&self.slots[slot])
     }
 
-    /// Updates an estimate of which `slot` holds what was expected; the result is in `posterior`.
+    /// Updates an estimate of which `slot` holds what was expected; the result is in `posterior`. Whether it was done by roots,
+    /// because it would be nearly singular.
     pub(super) fn update(
         &mut self,
         slot: usize,
         prior: &Gaussian,
         sensor: &SensorModel,
         measured: &[f64],
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let Linearised { expected, prediction } = &self.slots[slot];
         residual_into(sensor, measured, expected.as_slice(), self.innovation.as_mut_slice());
         if self.innovation.iter().any(|r| r.is_nan()) {
@@ -223,6 +224,12 @@ impl Bench {
             let innovation = self.innovation.as_slice();
             prediction.posterior_into(prior.into(), innovation, &mut self.scratch, &mut self.posterior);
         }
-        Ok(())
+        if self.posterior.is_nearly_singular()
+            && let Ok(posterior) = prediction.posterior_by_root(prior, self.innovation.as_slice())
+        {
+            self.posterior = posterior;
+            return Ok(true);
+        }
+        Ok(false)
     }
 }
