@@ -10,7 +10,7 @@
 //!    last epochs, and the smoother's link is cut (F = 0); measurements that meet a prediction too vague to use them are held
 //!    until together they give a start, and the link stays.
 //!
-//! A covariance that comes close to being singular is carried as its square root from then on ([`super::escalation`]).
+//! A covariance that comes close to being singular is carried as its square root from then on (`escalation.rs`).
 //!
 //! Reference: Xi, Liu, Tao, Lu, Tracking submarine moving target with the adaptive estimation methodology; spec labels
 //! U19, U24–U28.

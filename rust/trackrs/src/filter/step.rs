@@ -1,7 +1,7 @@
 //! One step of a filter: an estimate in, an estimate out.
 //!
 //! In Joseph form a result that is nearly singular is made again by the square roots of what it came from, as a run does
-//! it ([`super::escalation`]); of estimates that are given away as mean and covariance nothing more can be kept.
+//! it (`escalation.rs`); of estimates that are given away as mean and covariance nothing more can be kept.
 
 use nalgebra::DVector;
 
