@@ -79,6 +79,11 @@ fn density_peaks_with_a_cut_off_are_the_definition_to_the_last_bit() {
 
 /// More pairs than are listed at once, ties and coincident points among them.
 #[test]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the rule's own rounding of a positive count"
+)]
 fn the_distance_that_a_percentage_of_pairs_keeps_is_found_without_listing_them() {
     let mut stream = Stream::new(12, 0);
     let loose: Vec<f64> = (0..1200).map(|_| stream.between(0.0, 100.0)).collect();
