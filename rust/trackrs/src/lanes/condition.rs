@@ -1,6 +1,7 @@
 //! Whether covariances in lanes are nearly singular, without a factorisation at every step.
 //!
-//! det P is carried along as a bound from below: |F| = 1, Q makes it no smaller, and an update makes it |R|/|S| of what it was.
+//! det P is carried along as a bound from below: |F| = 1, Q adds at least det Q (Minkowski), and an update makes it |R|/|S| of what
+//! it was.
 //! The least part that is left of a component's variance once others are known is at least det P/Π P_ii. Only where the bound
 //! does not keep that above [`SURE`] for a P⁻ or P, P is factored, P = L Δ Lᵀ, and the bound begins again at Π Δ_j.
 //! P is at least |R|/|S| of P⁻ then (in the order of matrices), so that rounding moves neither by more than 1e-4 or so of itself.

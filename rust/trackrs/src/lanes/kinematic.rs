@@ -30,6 +30,9 @@ use pulp::Simd;
 
 use super::block::at;
 
+/// More than what the roundings of a determinant can do to it, as a part of the product of its variances.
+const ROUNDING: f64 = 1e-12;
+
 /// A time step and the noise that gathers in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step<const D: usize> {
@@ -37,6 +40,32 @@ pub struct Step<const D: usize> {
     pub dt: f64,
     /// Per pair of blocks, in the order pp, vp, vv, ap, av, aa, one number per axis.
     pub noise: [[f64; D]; 6],
+    /// What the determinant of the noise is at least.
+    pub det: f64,
+}
+
+impl<const D: usize> Step<D> {
+    /// A step of a motion with K blocks.
+    pub(crate) fn new<const K: usize>(dt: f64, noise: [[f64; D]; 6]) -> Self {
+        let of_axis = |axis: usize| {
+            let [pp, vp, vv, ap, av, aa] = noise.map(|entry| entry[axis]);
+            let (all, left) = match K {
+                1 => (pp, pp),
+                2 => (pp * vv, pp * vv - vp * vp),
+                _ => {
+                    let minors = [vv * aa - av * av, vp * aa - av * ap, vp * av - vv * ap];
+                    (pp * vv * aa, pp * minors[0] - vp * minors[1] + ap * minors[2])
+                }
+            };
+            // What rounding can have left over is nothing.
+            (left - ROUNDING * all).max(0.0)
+        };
+        Self {
+            dt,
+            noise,
+            det: (0..D).map(of_axis).product(),
+        }
+    }
 }
 
 // Indices are found without the checks of the profile: with them the loops over three axes are not unrolled, and a step

@@ -101,10 +101,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         let axes = |all: [f64; 3]| std::array::from_fn(|axis| all[axis]);
         let steps: Vec<Step<D>> = steps
             .iter()
-            .map(|step| Step {
-                dt: step.dt,
-                noise: step.noise.map(axes),
-            })
+            .map(|step| Step::new::<K>(step.dt, step.noise.map(axes)))
             .collect();
         let noise: [f64; D] = std::array::from_fn(|axis| sensor[axis]);
         let blocks = &mut self.blocks[tracks.start / LANES..tracks.end.div_ceil(LANES)];

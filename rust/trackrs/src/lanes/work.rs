@@ -61,10 +61,8 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
         for (pair, blocks) in blocks.chunks_mut(TOGETHER).enumerate() {
             let begin = pair * TOGETHER * LANES;
             let (mut failed, mut marked) = ([Lane([0.0; LANES]); TOGETHER], [Lane([0.0; LANES]); TOGETHER]);
-            let mut before = [Block::padding(); TOGETHER];
-            for (to, from) in before.iter_mut().zip(blocks.iter()) {
-                *to = *from;
-            }
+            // Where the blocks stood: a copy is made when a step is taken that is not the only one, or when it is needed.
+            let mut before: [Option<Block<N, PN>>; TOGETHER] = [None; TOGETHER];
             for (t, step) in steps.iter().enumerate() {
                 for (b, block) in blocks.iter_mut().enumerate() {
                     for register in 0..LANES / width {
@@ -77,7 +75,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                         let mut x = load::<S, N>(simd, &block.mean, register);
                         let mut p = load::<S, PN>(simd, &block.cov, register);
                         let mut condition = Condition::<S> {
-                            det: S::as_simd_f64s(&block.det.0).0[register],
+                            det: simd.add_f64s(S::as_simd_f64s(&block.det.0).0[register], simd.splat_f64s(step.det)),
                             singular: S::as_simd_f64s(&marked[b].0).0[register],
                         };
                         predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
@@ -86,6 +84,9 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                         let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
                         condition.det = simd.mul_f64s(condition.det, found.shrunk);
                         condition.check::<N, PN>(simd, &p, scale);
+                        if before[b].is_none() && (count > 1 || simd.reduce_max_f64s(condition.singular) > 0.0) {
+                            before[b] = Some(*block);
+                        }
                         store::<S, N>(&mut block.mean, &x, register);
                         store::<S, PN>(&mut block.cov, &p, register);
                         S::as_mut_simd_f64s(&mut block.det.0).0[register] = condition.det;
@@ -106,10 +107,12 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
             }
             let marked = marked.iter().flat_map(|lane| &lane.0);
             for (track, (singular, &mark)) in singular[begin..].iter_mut().zip(marked).enumerate() {
-                if mark > 0.0 {
+                let (b, lane) = (track / LANES, track % LANES);
+                if mark > 0.0
+                    && let Some(before) = &before[b]
+                {
                     *singular = true;
-                    let (b, lane) = (track / LANES, track % LANES);
-                    blocks[b].put_back(lane, &before[b]);
+                    blocks[b].put_back(lane, before);
                 }
             }
             for (count, &lane) in failures[begin..].iter_mut().zip(failed.iter().flat_map(|lane| &lane.0)) {
