@@ -1,7 +1,7 @@
 //! Whether a long call shall go on.
 //!
 //! A partition, an assignment or a score of a million points takes seconds in one call. Their loops say how much they are
-//! about to do ([`ahead`]); at most every [`PATIENCE`] the caller of [`until`] is asked whether to go on, and if not, the
+//! about to do (`ahead`); at most every 30 ms the caller of [`until`] is asked whether to go on, and if not, the
 //! call ends with [`Error::Interrupted`].
 //!
 //! It ends by unwinding, as if it had panicked, but with no message, and only in a thread that is inside `until`: so the
