@@ -228,6 +228,6 @@ def test_memory_is_flat():
     )
     assert done.returncode == 0, done.stderr
     sizes = json.loads(done.stdout)
-    assert len(sizes) == 12
+    assert len(sizes) == 13  # late scans count too
     # In the first 60,000 scans the allocator finds its size; over 400,000 it stays there.
     assert max(sizes) - sizes[5] <= 4 << 20, sizes
