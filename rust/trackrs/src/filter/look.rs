@@ -10,7 +10,7 @@ use super::chart::{Chart, attitude_of};
 use super::correction::Correction;
 use super::extended::{Linearised, Method, Rule, SMALL_STEP};
 use super::kalman::Update;
-use super::prediction::draw;
+use super::prediction::{Prediction, draw};
 use super::sigma_points::{SigmaPoints, Spread};
 use super::square_root::{Form, lower_cholesky, lower_root, solve_forward, solve_transposed};
 use crate::error::Result;
@@ -30,6 +30,19 @@ pub(super) struct Target<'a> {
     pub(super) carried: Option<&'a Spread>,
     pub(super) sensor: &'a dyn Sensor,
     pub(super) platform: Option<&'a DVector<f64>>,
+}
+
+impl<'a> Target<'a> {
+    /// What was predicted, seen by a sensor at rest.
+    pub(super) fn of(prediction: &'a Prediction, sensor: &'a dyn Sensor) -> Self {
+        Self {
+            prior: &prediction.state,
+            factor: prediction.factor(),
+            carried: prediction.carried(),
+            sensor,
+            platform: None,
+        }
+    }
 }
 
 /// A measurement compared with what was expected of it. Its memory serves one epoch after another.

@@ -306,13 +306,7 @@ impl<'a> Runner<'a> {
             Some(_) => self.used.resize(measurement.len(), f64::NAN),
             None => self.used.extend_from_slice(measurement),
         }
-        let target = Target {
-            prior: &self.prediction.state,
-            factor: self.prediction.factor(),
-            carried: self.prediction.carried(),
-            sensor,
-            platform: None,
-        };
+        let target = Target::of(&self.prediction, sensor);
         self.look.expect(&target, &self.used)?;
         if let Some(screen) = self.filter.screen() {
             let expected = &self.look.linearised.prediction;
@@ -329,13 +323,7 @@ impl<'a> Runner<'a> {
         self.look.correct(&target, &self.used)?;
         if self.watch && self.look.correction.posterior.is_nearly_singular() && self.escalate(dt, input) {
             outcome.escalated = true;
-            let target = Target {
-                prior: &self.prediction.state,
-                factor: self.prediction.factor(),
-                carried: self.prediction.carried(),
-                sensor,
-                platform: None,
-            };
+            let target = Target::of(&self.prediction, sensor);
             self.look.expect(&target, &self.used)?;
             self.look.correct(&target, &self.used)?;
         }
