@@ -49,6 +49,16 @@ def frozen_array(value: ArrayLike, name: str, ndim: int) -> FloatArray:
     return frozen(array(value, name, ndim).copy())
 
 
+def for_each(matrices: FloatArray, count: int) -> FloatArray:
+    """Return `count` matrices (count, m, n), of which one was given if all are the same; it takes no memory then."""
+    return np.broadcast_to(frozen(matrices), (count, *matrices.shape[1:]))
+
+
+def without_repeats(matrices: FloatArray) -> FloatArray:
+    """Return one of matrices that are all one and the same in memory, others as they are."""
+    return matrices[:1] if matrices.strides[0] == 0 else matrices
+
+
 def each(convert: Callable[[FloatArray], FloatArray], value: ArrayLike, name: str, ndim: int = 2) -> FloatArray:
     """Call `convert` with an array of `ndim` dimensions; one point or matrix goes in and comes out as itself."""
     if np.ndim(value) == ndim - 1:

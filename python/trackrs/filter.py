@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import array, frozen
+from trackrs._arrays import array, for_each, frozen
 from trackrs._value import Value
 from trackrs.adaptive import ResidualNoise
 from trackrs.errors import DimensionError, ParameterError, TimeError
@@ -155,6 +155,8 @@ class _SequenceFilter(Value):
         out["events"] = tuple(Event(**event) for event in out["events"])
         out["ledger"] = Ledger(**out["ledger"])
         kept = t[-1:] if history == "last" else t
+        if history == "full":
+            out |= {name: for_each(out[name], len(kept)) for name in ("transitions", "motion_noises")}
         return FilterRun(times=frozen(kept.copy()), labels=self.labels, **freeze_columns(out))
 
     def run_batch(

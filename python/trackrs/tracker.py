@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import numpy as np
-
 from trackrs import _trackrs
 from trackrs.association import GlobalNearestNeighbour
 from trackrs.gating import Gate
@@ -294,9 +292,7 @@ class MultiTargetTracker(Recorder):
 
 def tracks(columns: dict[str, Any], labels: tuple[str, ...], **more: FloatArray) -> Tracks:
     """Return the record of what the core gave."""
-    columns["offsets"] = np.array(columns["offsets"], dtype=np.int64)
-    columns["sensors"] = tuple(columns["sensors"])
-    return Tracks(labels=labels, **freeze_columns(columns | more))
+    return Tracks(labels=labels, **columns, **freeze_columns(more))
 
 
 def by_sensor(value: float | Mapping[str, float], sensors: Iterable[str]) -> dict[str, float]:

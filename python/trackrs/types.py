@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, IntArray, array, frozen, frozen_array
+from trackrs._arrays import FloatArray, IntArray, array, frozen, frozen_array, without_repeats
 from trackrs.errors import DimensionError, ParameterError
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ class FilterRun(_Estimates):
         means, covs: estimates after each measurement, (T, n) and (T, n, n).
         predicted_means, predicted_covs: estimates before it; empty unless `history="full"`.
         transitions, motion_noises: F and Q of the step that leads to each time, (T, n, n) each, the first from the
-            initial state; empty unless `history="full"`.
+            initial state; empty unless `history="full"`. Where all are the same they are views of one.
         innovations, innovation_covs: (T, m) and (T, m, m); NaN where not observed.
         nis: (T,), NaN where nothing was observed.
         dof: (T,) observed components.
@@ -420,8 +420,8 @@ class FilterRun(_Estimates):
             array(self.covs[begin:], "covs", 3),
             array(predicted_means, "predicted_means", 2),
             array(predicted_covs, "predicted_covs", 3),
-            array(self.transitions[begin:], "transitions", 3),
-            array(self.motion_noises[begin:], "motion_noises", 3),
+            array(without_repeats(self.transitions[begin:]), "transitions", 3),
+            array(without_repeats(self.motion_noises[begin:]), "motion_noises", 3),
             steps,
             self.attitude,
         )

@@ -3,12 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 use numpy::ndarray::Dimension;
 use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
-    PyReadonlyArray3, PyUntypedArrayMethods,
+    Element, PyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1,
+    PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use trackrs::Gaussian;
-use trackrs::linalg::stack::Stack;
+use trackrs::linalg::stack::{Repeats, Stack};
 
 use crate::error::exception;
 
@@ -77,6 +77,12 @@ pub(crate) fn gaussian(mean: &PyReadonlyArray1<'_, f64>, cov: &PyReadonlyArray2<
     Gaussian::new(mean_, cov_).map_err(|error| crate::error::to_python(mean.py(), &error))
 }
 
+/// Makes an array that nobody else holds read-only.
+pub(crate) fn frozen<T: Element, D: Dimension>(array: Bound<'_, PyArray<T, D>>) -> PyResult<Bound<'_, PyArray<T, D>>> {
+    drop(array.try_readwrite()?.make_nonwriteable());
+    Ok(array)
+}
+
 /// A vector out.
 pub(crate) fn from_vector<'py>(py: Python<'py>, vector: &DVector<f64>) -> Bound<'py, PyArray1<f64>> {
     PyArray1::from_slice(py, vector.as_slice())
@@ -116,6 +122,20 @@ pub(crate) fn from_symmetric<'py, 'a>(
 pub(crate) fn from_vectors(py: Python<'_>, stack: Stack) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let shape = [stack.len(), stack.shape()[1]];
     PyArray1::from_vec(py, stack.into_values()).reshape(shape)
+}
+
+/// Square matrices of a run out, as an array (k, n, n); one of them where all are the same.
+pub(crate) fn from_repeats<'py>(py: Python<'py>, repeats: &Repeats) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let distinct = repeats.distinct();
+    let [rows, columns] = distinct.shape();
+    let mut out = Stack::new(rows, columns);
+    if distinct.len() == 1 {
+        out.push(distinct.at(0));
+    } else {
+        out.reserve(repeats.len());
+        repeats.iter().for_each(|matrix| out.push(matrix));
+    }
+    from_matrices(py, out)
 }
 
 /// Matrices out, as an array (k, m, n); their memory is handed over.

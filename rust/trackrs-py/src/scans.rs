@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 use nalgebra::{DMatrix, DVector};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 use trackrs::event::{Event, EventLog, Ledger};
 use trackrs::tracker::in_order::Late;
 use trackrs::{Extent, Scan, TrackRef};
 
-use crate::array;
+use crate::array::{self, frozen};
 use crate::error::{compute, exception};
 
 /// Work between two looks for Ctrl-C.
@@ -21,8 +22,8 @@ const CHUNK: Duration = Duration::from_millis(50);
 #[derive(IntoPyObject)]
 pub(crate) struct Columns<'py> {
     scan_times: Bound<'py, PyArray1<f64>>,
-    sensors: Vec<String>,
-    offsets: Vec<usize>,
+    sensors: Bound<'py, PyTuple>,
+    offsets: Bound<'py, PyArray1<i64>>,
     times: Bound<'py, PyArray1<f64>>,
     ids: Bound<'py, PyArray1<u64>>,
     means: Bound<'py, PyArray2<f64>>,
@@ -188,7 +189,7 @@ pub(crate) struct Rows {
     dims: Option<usize>,
     scan_times: Vec<f64>,
     sensors: Vec<String>,
-    offsets: Vec<usize>,
+    offsets: Vec<i64>,
     times: Vec<f64>,
     ids: Vec<u64>,
     means: Vec<f64>,
@@ -227,7 +228,14 @@ impl Rows {
     }
 
     /// Takes in the tracks after one more scan.
-    pub(crate) fn push<'a>(&mut self, scan: &Scan, tracks: impl Iterator<Item = TrackRef<'a>>) {
+    pub(crate) fn push<'a>(&mut self, scan: &Scan, tracks: impl Iterator<Item = TrackRef<'a>> + Clone) {
+        let (count, n) = (tracks.clone().count(), self.n);
+        self.times.reserve(count);
+        self.ids.reserve(count);
+        self.means.reserve(count * n);
+        self.covs.reserve(count * n * n);
+        self.last_hits.reserve(count);
+        self.hits.reserve(count);
         self.scan_times.push(scan.time);
         self.sensors.push(scan.sensor.clone());
         for track in tracks {
@@ -247,29 +255,35 @@ impl Rows {
                 self.extents.extend_from_slice(extent.cov.as_slice());
             }
         }
-        self.offsets.push(self.ids.len());
+        self.offsets.push(i64::try_from(self.ids.len()).unwrap_or(i64::MAX));
     }
 
-    /// The columns; their memory is handed over.
+    /// The columns, read-only; their memory is handed over.
     pub(crate) fn into_columns(self, py: Python<'_>) -> PyResult<Columns<'_>> {
         let (count, n) = (self.ids.len(), self.n);
         let extents = |d: usize| {
             let found = self.extents.len() / (d * d).max(1);
-            PyArray1::from_vec(py, self.extents).reshape([found, d, d])
+            frozen(PyArray1::from_vec(py, self.extents).reshape([found, d, d])?)
         };
         Ok(Columns {
-            scan_times: PyArray1::from_vec(py, self.scan_times),
-            sensors: self.sensors,
-            offsets: self.offsets,
-            times: PyArray1::from_vec(py, self.times),
-            ids: PyArray1::from_vec(py, self.ids),
-            means: PyArray1::from_vec(py, self.means).reshape([count, n])?,
-            covs: PyArray1::from_vec(py, self.covs).reshape([count, n, n])?,
-            last_hits: PyArray1::from_vec(py, self.last_hits),
-            hits: PyArray1::from_vec(py, self.hits),
-            healths: self.healths.map(|healths| PyArray1::from_vec(py, healths)),
+            scan_times: frozen(PyArray1::from_vec(py, self.scan_times))?,
+            sensors: PyTuple::new(py, self.sensors)?,
+            offsets: frozen(PyArray1::from_vec(py, self.offsets))?,
+            times: frozen(PyArray1::from_vec(py, self.times))?,
+            ids: frozen(PyArray1::from_vec(py, self.ids))?,
+            means: frozen(PyArray1::from_vec(py, self.means).reshape([count, n])?)?,
+            covs: frozen(PyArray1::from_vec(py, self.covs).reshape([count, n, n])?)?,
+            last_hits: frozen(PyArray1::from_vec(py, self.last_hits))?,
+            hits: frozen(PyArray1::from_vec(py, self.hits))?,
+            healths: self
+                .healths
+                .map(|healths| frozen(PyArray1::from_vec(py, healths)))
+                .transpose()?,
             extents: self.dims.map(extents).transpose()?,
-            existences: self.existences.map(|existences| PyArray1::from_vec(py, existences)),
+            existences: self
+                .existences
+                .map(|existences| frozen(PyArray1::from_vec(py, existences)))
+                .transpose()?,
         })
     }
 }

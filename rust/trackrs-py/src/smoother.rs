@@ -42,20 +42,21 @@ pub(crate) fn smooth<'py>(
         n,
         attitude: attitude.filter(|at| at + 3 <= n),
         vectors: [&[]; 2],
-        matrices: [&[]; 4],
+        covs: [&[]; 2],
+        steps: [&[]; 2],
     };
     let vectors = [(&means, "means"), (&predicted_means, "predicted_means")];
     for (to, (array, name)) in given.vectors.iter_mut().zip(vectors) {
         *to = numbers(py, array::c_slice(array, name)?, array.shape(), [count, n], name)?;
     }
-    let matrices = [
-        (&covs, "covs"),
-        (&predicted_covs, "predicted_covs"),
-        (&transitions, "transitions"),
-        (&motion_noises, "motion_noises"),
-    ];
-    for (to, (array, name)) in given.matrices.iter_mut().zip(matrices) {
+    let covs = [(&covs, "covs"), (&predicted_covs, "predicted_covs")];
+    for (to, (array, name)) in given.covs.iter_mut().zip(covs) {
         *to = numbers(py, array::c_slice(array, name)?, array.shape(), [count, n, n], name)?;
+    }
+    let steps = [(&transitions, "transitions"), (&motion_noises, "motion_noises")];
+    for (to, (array, name)) in given.steps.iter_mut().zip(steps) {
+        let given = if array.shape()[0] == 1 { 1 } else { count };
+        *to = numbers(py, array::c_slice(array, name)?, array.shape(), [given, n, n], name)?;
     }
     let out = match lag {
         None => fixed_interval(py, &given, count)?,
@@ -79,8 +80,10 @@ struct Given<'a> {
     attitude: Option<usize>,
     /// Means, and predicted means.
     vectors: [&'a [f64]; 2],
-    /// Covariances, predicted covariances, F and Q.
-    matrices: [&'a [f64]; 4],
+    /// Covariances, and predicted covariances.
+    covs: [&'a [f64]; 2],
+    /// F and Q, of each step or one for all.
+    steps: [&'a [f64]; 2],
 }
 
 impl Given<'_> {
@@ -88,20 +91,21 @@ impl Given<'_> {
     fn copy(&self, rows: Range<usize>, run: &mut FilterRun) {
         run.space.attitude = self.attitude;
         let vectors = [&mut run.filtered.means, &mut run.predicted.means];
-        let matrices = [
-            &mut run.filtered.covs,
-            &mut run.predicted.covs,
-            &mut run.transitions,
-            &mut run.motion_noises,
-        ];
+        let covs = [&mut run.filtered.covs, &mut run.predicted.covs];
         let vectors = vectors.into_iter().zip(self.vectors).map(|pair| (pair, self.n));
-        let matrices = matrices
-            .into_iter()
-            .zip(self.matrices)
-            .map(|pair| (pair, self.n * self.n));
-        for ((stack, values), width) in vectors.chain(matrices) {
+        let covs = covs.into_iter().zip(self.covs).map(|pair| (pair, self.n * self.n));
+        for ((stack, values), width) in vectors.chain(covs) {
             stack.clear();
             stack.append(&values[rows.start * width..rows.end * width]);
+        }
+        let steps = [&mut run.transitions, &mut run.motion_noises];
+        for (repeats, values) in steps.into_iter().zip(self.steps) {
+            let width = self.n * self.n;
+            repeats.clear();
+            for row in rows.clone() {
+                let from = if values.len() == width { 0 } else { row * width };
+                repeats.push(&values[from..from + width]);
+            }
         }
     }
 }

@@ -203,6 +203,15 @@ pub(crate) fn all_finite(values: &[f64]) -> bool {
     carry >> 63 == 0
 }
 
+/// `Ok` if a tracker can have counted so far, and can go on: ten for every nanosecond of a decade, else an error that names
+/// what was never counted.
+pub(crate) fn require_count(what: &str, count: u64) -> Result<()> {
+    if count < 1 << 62 {
+        return Ok(());
+    }
+    Err(Error::invalid(what, count, "is more than can have been counted"))
+}
+
 /// `Ok` if the two sizes agree, else an error that names what has the wrong one.
 pub fn require_size(what: &str, expected: usize, found: usize) -> Result<()> {
     if expected == found {

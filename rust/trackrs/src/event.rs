@@ -8,7 +8,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require_count};
 
 /// How many events are kept in full; all are counted.
 pub const RECENT_EVENTS: usize = 1000;
@@ -176,6 +176,13 @@ impl EventLog {
         }
     }
 
+    /// Checks what was read back.
+    pub(crate) fn check_restored(&self) -> Result<()> {
+        self.counts
+            .values()
+            .try_for_each(|&count| require_count("events", count))
+    }
+
     /// Number of events of each code.
     pub fn counts(&self) -> &BTreeMap<EventCode, u64> {
         &self.counts
@@ -227,9 +234,17 @@ impl Ledger {
         }
     }
 
+    /// Checks what was read back.
+    pub(crate) fn check_restored(&self) -> Result<()> {
+        require_count("rows", self.rows_in)?;
+        self.check()
+    }
+
     /// The conservation law: no row is lost and none is counted twice.
     pub fn check(&self) -> Result<()> {
-        let out = self.used + self.late + self.duplicate + self.waiting + self.rejected.values().sum::<u64>();
+        let out = [self.used, self.late, self.duplicate, self.waiting];
+        let out = out.iter().chain(self.rejected.values());
+        let out = out.fold(0_u64, |sum, &rows| sum.saturating_add(rows));
         if out == self.rows_in {
             return Ok(());
         }
@@ -255,6 +270,12 @@ impl Books {
             events: EventLog::new(strict),
             ledger: Ledger::default(),
         }
+    }
+
+    /// Checks what was read back.
+    pub(crate) fn check_restored(&self) -> Result<()> {
+        self.events.check_restored()?;
+        self.ledger.check_restored()
     }
 
     /// Takes over what others have, as later than all of their own.
@@ -313,5 +334,22 @@ mod tests {
         assert!(ledger.check().is_err());
         ledger.drop_rows(EventCode::NonFinite, 1);
         assert!(ledger.check().is_ok());
+    }
+
+    #[test]
+    fn books_that_no_tracker_has_kept_are_refused() {
+        let ledger = |rows_in, used, late| Ledger {
+            rows_in,
+            used,
+            late,
+            ..Ledger::default()
+        };
+        ledger(3, 2, 1).check_restored().unwrap();
+        for [rows_in, used, late] in [[3, 2, 0], [u64::MAX, u64::MAX, 0], [u64::MAX, u64::MAX, 7]] {
+            assert!(ledger(rows_in, used, late).check_restored().is_err());
+        }
+        let mut log = EventLog::default();
+        log.counts.insert(EventCode::Duplicate, u64::MAX);
+        assert!(log.check_restored().is_err());
     }
 }

@@ -3,6 +3,8 @@
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
+use crate::linalg::same_bits;
+
 /// The reports of one sensor at one time.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Scan {
@@ -78,11 +80,6 @@ impl Scan {
             && given(&self.platform, &other.platform)
             && given(&self.times, &other.times)
     }
-}
-
-/// Whether both hold the same numbers, bit for bit; NaN equals NaN.
-pub(crate) fn same_bits(a: &[f64], b: &[f64]) -> bool {
-    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
 mod rows {

@@ -10,7 +10,7 @@ use trackrs::filter::sequence::{Filter, History, InitialState};
 use trackrs::filter::sigma_points::SigmaPoints;
 use trackrs::filter::smoother::{FixedLagSmoother, SmoothedRun, fixed_interval};
 use trackrs::gaussian::Gaussians;
-use trackrs::linalg::stack::Stack;
+use trackrs::linalg::stack::{Repeats, Stack};
 use trackrs::model::motion::{ConstantAcceleration, ConstantVelocity, KinematicNoise, LinearMotion};
 use trackrs::model::sensor::{LinearSensor, PositionSensor, RangeArray, RangeArraySettings, RangeBearing};
 use trackrs::model::{Motion, MotionModel, Sensor, SensorModel};
@@ -99,6 +99,13 @@ fn gaussians(a: &Gaussians, b: &Gaussians, what: &str) {
     stack(&a.covs, &b.covs, what);
 }
 
+fn repeats(a: &Repeats, b: &Repeats, what: &str) {
+    assert_eq!(a.len(), b.len(), "{what}");
+    for (a, b) in a.iter().zip(b.iter()) {
+        assert_eq!(bits(a), bits(b), "{what}");
+    }
+}
+
 /// A run against steps, and its smoother against that which knows no sizes.
 fn compare(filter: &Filter, initial: &InitialState, times: &[f64], values: &[DVector<f64>], what: &str) {
     let run = filter.run(times, values, Some(initial), None, History::Full).unwrap();
@@ -120,8 +127,8 @@ fn compare(filter: &Filter, initial: &InitialState, times: &[f64], values: &[DVe
     }
     gaussians(&run.filtered, &steps.filtered, what);
     gaussians(&run.predicted, &steps.predicted, what);
-    stack(&run.transitions, &steps.transitions, what);
-    stack(&run.motion_noises, &steps.motion_noises, what);
+    repeats(&run.transitions, &steps.transitions, what);
+    repeats(&run.motion_noises, &steps.motion_noises, what);
     stack(&run.innovations, &steps.innovations, what);
     stack(&run.innovation_covs, &steps.innovation_covs, what);
     assert_eq!(bits(&run.nis), bits(&steps.nis), "{what}");

@@ -199,8 +199,9 @@ fn limited_memory_matches_the_golden_file() {
         };
         run.filtered.push(&state("xf", "Pf", i));
         run.predicted.push(&state(names.0, names.1, i));
-        run.transitions.push_matrix(&motion.jacobian(&vector("xf", i), dt));
-        run.motion_noises.push_matrix(&motion.noise(dt));
+        run.transitions
+            .push(motion.jacobian(&vector("xf", i), dt).transpose().as_slice());
+        run.motion_noises.push(motion.noise(dt).as_slice());
     }
     let smoothed = limited_memory(&run.epochs().unwrap(), window).unwrap();
     assert_eq!(smoothed.states.len(), 7);

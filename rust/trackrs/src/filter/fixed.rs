@@ -22,6 +22,10 @@
 //! form, everything adds. Of its rows those with a missing or infinite component, those whose S has no factor and those with a
 //! nearly singular P⁻ or P are left to the general path, which knows what to do with them; the bits are the same either way (`tests/fixed.rs`).
 //!
+//! Whether they are is mostly told by a bound of |P| from below: |P⁻| ≥ |P| + |Q| where |F| = 1 (Minkowski), |P| = |P⁻| |R|/|S|
+//! after the measurement, and the least part that is left of a component's variance once others are known is at least |P|/Π P_ii.
+//! Only where the bound does not keep that above [`SURE`] is P⁻ factored, and the bound begins again at what it is.
+//!
 //! Reference: see [`super::kalman`].
 
 use std::array;
@@ -38,7 +42,9 @@ use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::interrupt::ahead;
 use crate::linalg::copy_rows;
-use crate::linalg::fixed::{Factor, Lines, add_scaled, little_left, mirror, same_bits, symmetrise, transpose};
+use crate::linalg::fixed::{
+    Factor, Lines, add_scaled, determinant_unless_little_left, mirror, same_bits, symmetrise, transpose,
+};
 use crate::linalg::kernel::NEARLY_SINGULAR;
 use crate::linalg::sparse::UnitUpper;
 use crate::model::sensor::residual_into;
@@ -46,6 +52,10 @@ use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 
 /// So far from singular that rounding does not count.
 const SURE: f64 = 1e-11;
+
+/// A |Q| counts where no pivot is less than this part of its variance, and as so much of what it is, for rounding.
+const NOISE_LEFT: f64 = 1e-9;
+const NOISE_COUNTS: f64 = 0.99;
 
 /// Rows of a filter of one size.
 pub(super) trait FixedRows: Send + Sync {
@@ -135,6 +145,8 @@ struct Way<const N: usize> {
     q: [[f64; N]; N],
     lines: Lines<N, N>,
     upper: Option<UnitUpper>,
+    /// |Q| is at least this.
+    spread: f64,
 }
 
 /// What a row does whatever was measured.
@@ -146,6 +158,8 @@ struct Covariances<const N: usize, const M: usize> {
     log_determinant: f64,
     gain: [[f64; N]; M],
     after: [[f64; N]; N],
+    /// |P| is at least this; 0 where nothing is known.
+    least: f64,
 }
 
 impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
@@ -161,7 +175,7 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
         let (mut x, mut p) = ([0.0; N], [[0.0; N]; N]);
         x.copy_from_slice(now.state.mean.as_slice());
         p.as_flattened_mut().copy_from_slice(now.state.cov.as_slice());
-        let (mut taken, mut failed) = (0, None);
+        let (mut taken, mut failed, mut least) = (0, None, 0.0);
         let times = &data.times[rows.clone()];
         let measurements = data.measurements[rows.start * M..rows.end * M].as_chunks::<M>().0;
         for (&time, z) in times.iter().zip(measurements) {
@@ -183,8 +197,14 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
                 }
             };
             if !self.last.as_ref().is_some_and(|last| same_bits(&last.before, &p)) {
-                let covs = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
-                self.last = covs.filter(|covs| !(self.watch && covs.nearly_singular(self.determinant)));
+                let mut covs = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
+                if self.watch
+                    && let Some(found) = &mut covs
+                    && found.nearly_singular(self.determinant, self.way.least(least))
+                {
+                    covs = None;
+                }
+                self.last = covs;
             }
             let Some(covs) = &self.last else {
                 break;
@@ -197,7 +217,7 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
             for (row, &r) in covs.gain.iter().zip(&r) {
                 add_scaled(&mut x, r, row);
             }
-            p = covs.after;
+            (p, least) = (covs.after, covs.least);
             *now.time = time;
             taken += 1;
             if history == History::Last && taken < times.len() {
@@ -241,6 +261,7 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
                 q: [[0.0; N]; N],
                 lines: Lines::new(),
                 upper: None,
+                spread: 0.0,
             },
             h: [[0.0; N]; M],
             lines: Lines::new(),
@@ -271,15 +292,36 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
 }
 
 impl<const N: usize, const M: usize> Covariances<N, M> {
-    /// Whether P⁻ or P is. P is at least det R/det S of P⁻ (in the order of matrices): one look at P⁻ is mostly enough.
+    /// Whether P⁻, of which |P⁻| is at least this, or P is. P is at least |R|/|S| of P⁻ (in the order of matrices): one look
+    /// at P⁻ is mostly enough.
     #[inline(always)]
-    fn nearly_singular(&self, noise: f64) -> bool {
-        let part = SURE * self.factor.determinant() / noise;
-        // Not where that is no number.
-        if part < 1.0 && !little_left(part, &self.ahead) {
+    fn nearly_singular(&mut self, noise: f64, least_ahead: f64) -> bool {
+        let shrunk = noise / self.factor.determinant();
+        let mut variances = 1.0;
+        for i in 0..N {
+            variances *= self.ahead[i][i];
+        }
+        self.least = shrunk * least_ahead;
+        if self.least > SURE * variances {
             return false;
         }
-        little_left(NEARLY_SINGULAR, &self.ahead) || little_left(NEARLY_SINGULAR, &self.after)
+        self.is_nearly_singular(shrunk)
+    }
+
+    /// The same by factors.
+    #[inline(never)]
+    fn is_nearly_singular(&mut self, shrunk: f64) -> bool {
+        self.least = 0.0;
+        let part = SURE / shrunk;
+        // Not where that is no number.
+        if part < 1.0
+            && let Some(determinant) = determinant_unless_little_left(part, &self.ahead)
+        {
+            self.least = shrunk * determinant;
+            return false;
+        }
+        let definite = |cov| determinant_unless_little_left(NEARLY_SINGULAR, cov).is_some();
+        !(definite(&self.ahead) && definite(&self.after))
     }
 }
 
@@ -291,7 +333,18 @@ impl<const N: usize> Way<N> {
         motion.transition_into(dt, self.f.as_flattened_mut());
         self.lines.set(&self.f);
         UnitUpper::renew(&mut self.upper, N, self.f.as_flattened());
+        self.spread = NOISE_COUNTS * determinant_unless_little_left(NOISE_LEFT, &self.q).unwrap_or(0.0);
         self.dt = dt;
+    }
+
+    /// What |P⁻| is at least, if |P| is at least this.
+    #[inline(always)]
+    fn least(&self, before: f64) -> f64 {
+        if self.upper.is_some() {
+            before + self.spread
+        } else {
+            0.0
+        }
     }
 
     /// Equations 1, 2 and 4 as far as they do not depend on what is measured.
@@ -349,6 +402,7 @@ impl<const N: usize> Way<N> {
             factor,
             gain,
             after,
+            least: 0.0,
         })
     }
 }

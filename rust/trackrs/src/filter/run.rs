@@ -1,5 +1,7 @@
 //! What a run gives, kept flat: one piece of memory per quantity, whatever the number of epochs.
 
+use nalgebra::DMatrix;
+
 use super::adaptation::Adaptation;
 use super::runner::Epoch;
 use super::screen::{Screened, Verdict};
@@ -8,7 +10,7 @@ use super::sequence::{Filter, History};
 use crate::error::Result;
 use crate::event::Books;
 use crate::gaussian::{Gaussian, GaussianRef, Gaussians};
-use crate::linalg::stack::Stack;
+use crate::linalg::stack::{Repeats, Stack};
 use crate::model::{Motion, Sensor, StateSpace};
 
 /// Everything a run gives. Sequences have one element per kept time.
@@ -20,9 +22,9 @@ pub struct FilterRun {
     pub predicted: Gaussians,
     /// F of the step to every time, from the time before or, at the first, from the initial state; n×n each, only with
     /// [`History::Full`].
-    pub transitions: Stack,
+    pub transitions: Repeats,
     /// Q of the same steps.
-    pub motion_noises: Stack,
+    pub motion_noises: Repeats,
     /// Innovations, length m each, NaN where not observed.
     pub innovations: Stack,
     /// Innovation covariances, m×m each.
@@ -73,8 +75,8 @@ impl FilterRun {
         Self {
             filtered: Gaussians::new(n),
             predicted: Gaussians::new(n),
-            transitions: Stack::square(n),
-            motion_noises: Stack::square(n),
+            transitions: Repeats::square(n),
+            motion_noises: Repeats::square(n),
             innovations: Stack::vectors(m),
             innovation_covs: Stack::square(m),
             leads: Gaussians::new(n),
@@ -201,9 +203,11 @@ impl FilterRun {
         if history == History::Full {
             let n = filter.motion().state_dim();
             self.predicted.fill_unknown(rows);
-            self.motion_noises.fill(0.0, rows);
-            let identity = nalgebra::DMatrix::<f64>::identity(n, n);
-            (0..rows).for_each(|_| self.transitions.push(identity.as_slice()));
+            let (identity, nothing) = (DMatrix::identity(n, n), DMatrix::zeros(n, n));
+            for _ in 0..rows {
+                self.transitions.push(identity.as_slice());
+                self.motion_noises.push(nothing.as_slice());
+            }
         }
         Ok(())
     }

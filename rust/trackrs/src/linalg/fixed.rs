@@ -190,17 +190,19 @@ pub(crate) fn symmetrise<const N: usize>(a: &mut [[f64; N]; N]) {
     }
 }
 
-/// See [`kernel::little_left`].
+/// |C| of a covariance, unless [`kernel::little_left`]; 0 where something is exactly known.
 #[inline(always)]
-pub(crate) fn little_left<const N: usize>(part: f64, cov: &[[f64; N]; N]) -> bool {
+pub(crate) fn determinant_unless_little_left<const N: usize>(part: f64, cov: &[[f64; N]; N]) -> Option<f64> {
     let mut a = *cov;
+    let mut determinant = 1.0;
     for j in 0..N {
         let pivot = a[j][j];
+        determinant *= pivot;
         if pivot <= part * cov[j][j] {
             if cov[j].iter().all(|&x| x == 0.0) {
                 continue;
             }
-            return true;
+            return None;
         }
         let inverse = 1.0 / pivot;
         for i in 0..N {
@@ -214,7 +216,7 @@ pub(crate) fn little_left<const N: usize>(part: f64, cov: &[[f64; N]; N]) -> boo
             }
         }
     }
-    false
+    Some(determinant)
 }
 
 /// L of A = L Lᵀ in the lower half, with one over every number of its diagonal.

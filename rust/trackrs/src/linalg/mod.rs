@@ -16,3 +16,8 @@ pub(crate) fn copy_rows(matrix: &DMatrix<f64>, out: &mut [f64]) {
         out.iter_mut().zip(row.iter()).for_each(|(x, &value)| *x = value);
     }
 }
+
+/// Whether both hold the same numbers, bit for bit; NaN equals NaN.
+pub(crate) fn same_bits(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+}

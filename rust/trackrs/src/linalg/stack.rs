@@ -2,6 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::same_bits;
+
 /// Matrices of one shape, each row by row; a vector is a matrix of one row.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Stack {
@@ -137,6 +139,73 @@ impl Stack {
     }
 }
 
+/// Matrices of one shape, of which many are the one before: such a one is kept once.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Repeats {
+    /// No two neighbours are the same bits.
+    distinct: Stack,
+    /// Which of them each is.
+    which: Vec<usize>,
+}
+
+impl Repeats {
+    /// No square matrices yet.
+    pub fn square(n: usize) -> Self {
+        Self {
+            distinct: Stack::square(n),
+            which: Vec::new(),
+        }
+    }
+
+    /// How many matrices there are.
+    pub fn len(&self) -> usize {
+        self.which.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.which.is_empty()
+    }
+
+    /// Those that are kept, in their order.
+    pub fn distinct(&self) -> &Stack {
+        &self.distinct
+    }
+
+    /// Takes memory for so many more.
+    pub fn reserve(&mut self, count: usize) {
+        self.which.reserve(count);
+    }
+
+    /// Adds one, given row by row.
+    #[inline]
+    pub fn push(&mut self, matrix: &[f64]) {
+        let count = self.distinct.len();
+        if count > 0 && same_bits(self.distinct.at(count - 1), matrix) {
+            self.which.push(count - 1);
+        } else {
+            self.distinct.push(matrix);
+            self.which.push(count);
+        }
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.distinct.clear();
+        self.which.clear();
+    }
+
+    /// Matrix `index` row by row; `index` as in a slice.
+    pub fn at(&self, index: usize) -> &[f64] {
+        self.distinct.at(self.which[index])
+    }
+
+    /// All, each row by row.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[f64]> {
+        self.which.iter().map(|&index| self.distinct.at(index))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -155,5 +224,17 @@ mod tests {
         stack.reverse();
         assert_eq!((stack.matrix(0), stack.matrix(1)), (list[2].clone(), list[1].clone()));
         assert_eq!(Stack::default().len(), 0);
+    }
+
+    #[test]
+    fn what_repeats_is_kept_once() {
+        let list = [1.0, 1.0, 2.0, 2.0, 2.0, 1.0, -0.0, 0.0];
+        let mut repeats = Repeats::square(1);
+        for value in list {
+            repeats.push(&[value]);
+        }
+        assert_eq!(repeats.distinct().values(), &[1.0, 2.0, 1.0, -0.0, 0.0]);
+        assert_eq!(repeats.iter().flatten().copied().collect::<Vec<_>>(), list);
+        assert_eq!((repeats.len(), repeats.at(4)), (list.len(), &[2.0][..]));
     }
 }

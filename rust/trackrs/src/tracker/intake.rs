@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::look::Row;
 use crate::error::{Error, Result, require_finite};
 use crate::event::{Books, Event, EventCode, EventLog, Ledger};
+use crate::linalg::same_bits;
 use crate::model::sensor::check_platform;
 use crate::model::{Sensor, SensorModel};
-use crate::scan::{Scan, same_bits};
+use crate::scan::Scan;
 
 /// An odd number without pattern: 2⁶⁴ over the golden ratio.
 const MIX: u64 = 0x9E37_79B9_7F4A_7C15;
@@ -69,6 +70,13 @@ impl Intake {
             row: None,
             reason: reason.into(),
         });
+    }
+
+    /// Checks what was read back.
+    pub(super) fn check_restored(&self) -> Result<()> {
+        self.time.map_or(Ok(()), |time| require_finite("time", [&time]))?;
+        self.events.check_restored()?;
+        self.ledger.check_restored()
     }
 
     /// Where the clock stands.

@@ -167,6 +167,7 @@ impl<S: Clone> Journal<S> {
             return Err(corrupt("its kept states are not in order"));
         }
         check_order(self.entries.iter().map(|entry| &entry.scan))?;
+        self.entries.iter().try_for_each(|entry| entry.books.check_restored())?;
         for mark in &mut self.marks {
             let mut probe = tracker.clone();
             probe.set_state(mark.state.clone());

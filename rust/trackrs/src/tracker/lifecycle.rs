@@ -218,6 +218,20 @@ impl Window {
         window
     }
 
+    /// Checks what was read back: no scan is remembered that was not counted.
+    pub(super) fn check_restored(&self) -> Result<()> {
+        let counted = if self.length < 64 {
+            (1 << self.length) - 1
+        } else {
+            u64::MAX
+        };
+        if self.length <= 64 && self.bits & !counted == 0 {
+            return Ok(());
+        }
+        let requirement = "must be the number of scans it remembers, at most 64";
+        Err(Error::invalid("length of a track's window", self.length, requirement))
+    }
+
     /// Whether this sensor ever hit the track.
     pub fn seen(&self) -> bool {
         self.length > 0
@@ -414,6 +428,23 @@ mod tests {
         assert!(!hopeless(&[window(&[1, 0, 0])], &RULE));
         assert!(hopeless(&[window(&[1, 0, 0, 0])], &RULE));
         assert!(hopeless(&[window(&[1, 1, 0, 0, 0])], &RULE));
+    }
+
+    #[test]
+    fn a_window_remembers_no_scan_that_was_not_counted() {
+        let mut good = window(&[1, 0, 1]);
+        for _ in 0..70 {
+            good.check_restored().unwrap();
+            good.push(true);
+        }
+        for (bits, length) in [(1, 0), (0b1000, 3), (0, 65)] {
+            let bad = Window {
+                bits,
+                length,
+                misses: 0,
+            };
+            assert!(bad.check_restored().is_err(), "{bad:?}");
+        }
     }
 
     #[test]

@@ -115,7 +115,7 @@ impl MultiTargetTracker {
     }
 
     /// The same where they stand.
-    pub fn track_refs(&self) -> impl Iterator<Item = TrackRef<'_>> {
+    pub fn track_refs(&self) -> impl Iterator<Item = TrackRef<'_>> + Clone {
         self.tracks.iter().filter_map(|track| {
             track.id.map(|id| TrackRef {
                 id,

@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize};
 use super::clutter_map::ClutterMapState;
 use super::engine::Engine;
 use super::intake::{Intake, IntakeState, Needs};
+use super::lifecycle::Window;
 use super::live::LiveTrack;
 use super::multi_target::MultiTargetTracker;
 use super::two_point::Waiting;
-use crate::error::{Result, require_finite, require_probability, require_size};
+use crate::error::{Result, require_count, require_finite, require_probability, require_size};
 use crate::event::{Books, EventCode, EventLog, Ledger};
 use crate::model::{Motion, SensorModel};
 use crate::scan::Scan;
@@ -116,9 +117,8 @@ impl Engine for MultiTargetTracker {
 impl MultiTargetTracker {
     fn check_parts(&self) -> Result<()> {
         self.config.check()?;
-        self.intake
-            .time
-            .map_or(Ok(()), |time| require_finite("time", [&time]))?;
+        self.intake.check_restored()?;
+        require_count("tracks", self.next_id)?;
         for report in &self.waiting {
             report.check_restored(self.config.motion.position_dims(), self.config.sensors.len())?;
         }
@@ -130,6 +130,8 @@ impl MultiTargetTracker {
                 track.start.position().len(),
             )?;
             require_size("track windows", self.config.sensors.len(), track.windows.len())?;
+            require_count("reports of a track", track.hits)?;
+            track.windows.iter().try_for_each(Window::check_restored)?;
             track
                 .existence
                 .map_or(Ok(()), |r| require_probability("track existence", r))?;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::PhdTracker;
 use super::config::IntensityUpdate;
 use super::labels::Labels;
-use crate::error::{Result, require_finite, require_size};
+use crate::error::{Result, require_non_negative, require_size};
 use crate::event::{Books, EventCode, EventLog, Ledger};
 use crate::model::{Motion, SensorModel};
 use crate::rfs::cphd::Cardinality;
@@ -116,15 +116,17 @@ impl Engine for PhdTracker {
 
     fn check_restored(&mut self) -> Result<()> {
         self.config.check()?;
-        self.intake
-            .time
-            .map_or(Ok(()), |time| require_finite("time", [&time]))?;
+        self.intake.check_restored()?;
+        self.labels.check_restored()?;
         let states = self.config.motion.state_dim();
         let components = self.mixture.iter().map(|c| &c.state);
         if let Some(model) = self.config.update.extent() {
             for extent in self.mixture.iter().filter_map(|c| c.extent.as_ref()) {
                 extent.check(model.prior.cov.nrows())?;
             }
+        }
+        for component in &self.mixture {
+            require_non_negative("weight of a component", component.weight)?;
         }
         for state in components.chain(self.pending.iter().map(|birth| &birth.state)) {
             require_size("component", states, state.dim())?;

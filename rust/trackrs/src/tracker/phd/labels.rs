@@ -16,6 +16,7 @@ use std::iter::repeat_n;
 use serde::{Deserialize, Serialize};
 
 use super::config::Confirmation;
+use crate::error::{Result, require_count};
 use crate::rfs::mixture::{Component, Merged};
 use crate::rfs::prediction::fresh;
 use crate::track::Track;
@@ -40,6 +41,14 @@ impl Labels {
     /// Ends all tracks; identities are not given again.
     pub(super) fn forget(&mut self) {
         self.candidates.clear();
+    }
+
+    /// Checks what was read back.
+    pub(super) fn check_restored(&self) -> Result<()> {
+        require_count("tracks", self.tracks)?;
+        require_count("labels", self.next_label)?;
+        let mut extractions = self.candidates.values().map(|candidate| candidate.extractions);
+        extractions.try_for_each(|count| require_count("reports of a track", count))
     }
 }
 
@@ -89,7 +98,7 @@ impl Labels {
         }
         self.candidates.retain(|label, candidate| {
             if !taken.contains(label) {
-                candidate.misses += 1;
+                candidate.misses = candidate.misses.saturating_add(1);
             }
             candidate.misses < rule.end_after
         });
