@@ -37,8 +37,13 @@ impl Gaussian {
 
     /// Whether a component's variance, given those before it, is 1e-14 of its variance or less.
     pub(crate) fn is_nearly_singular(&self) -> bool {
-        fn of<const N: usize>(n: usize, cov: &[f64], work: &mut [f64]) -> bool {
-            kernel::little_left::<N>(n, kernel::NEARLY_SINGULAR, cov, work)
+        self.has_little_left(kernel::NEARLY_SINGULAR)
+    }
+
+    /// The same for another part.
+    pub(crate) fn has_little_left(&self, part: f64) -> bool {
+        fn of<const N: usize>(n: usize, part: f64, cov: &[f64], work: &mut [f64]) -> bool {
+            kernel::little_left::<N>(n, part, cov, work)
         }
         let (mut little, mut much) = ([0.0; 81], Vec::new());
         let work = if self.cov.len() <= little.len() {
@@ -47,7 +52,7 @@ impl Gaussian {
             much.resize(self.cov.len(), 0.0);
             &mut much
         };
-        sized!(of(self.dim(), self.cov.as_slice(), work))
+        sized!(of(self.dim(), part, self.cov.as_slice(), work))
     }
 
     /// Length of the mean.

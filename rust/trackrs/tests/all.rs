@@ -32,6 +32,7 @@ mod npda;
 mod partition_golden;
 mod partition_reference;
 mod phd;
+mod phd_definite;
 mod range_array;
 mod range_array_run;
 mod residual_noise;

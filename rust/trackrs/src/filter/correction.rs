@@ -88,6 +88,8 @@ pub(crate) struct Corrections {
     /// Kᵀ, m×n each, and P⁺, n×n each.
     gains: Vec<f64>,
     covs: Vec<f64>,
+    /// Whether they were found by roots.
+    rooted: Vec<bool>,
     /// No innovation.
     still: Vec<f64>,
     posterior: Gaussian,
@@ -102,6 +104,7 @@ impl Corrections {
             m,
             gains: Vec::new(),
             covs: Vec::new(),
+            rooted: Vec::new(),
             still: vec![0.0; m],
             posterior: Gaussian {
                 mean: DVector::zeros(n),
@@ -118,10 +121,16 @@ impl Corrections {
 
     /// Adds that of a state of which this is expected; the index of it is returned.
     pub(crate) fn push(&mut self, expected: &MeasurementPrediction, prior: &Gaussian) -> usize {
-        expected.posterior_into(prior.into(), &self.still, &mut self.scratch, &mut self.posterior);
+        let rooted = expected.definite_posterior_into(prior, &self.still, &mut self.scratch, &mut self.posterior);
+        self.rooted.push(rooted);
         self.gains.extend_from_slice(&self.scratch.gain);
         self.covs.extend_from_slice(self.posterior.cov.as_slice());
-        self.gains.len() / (self.m * self.n).max(1) - 1
+        self.rooted.len() - 1
+    }
+
+    /// Whether the covariance of that state was found by roots, because it came close to being singular.
+    pub(crate) fn is_rooted(&self, index: usize) -> bool {
+        self.rooted[index]
     }
 
     /// The posterior of that state for an innovation of all components.

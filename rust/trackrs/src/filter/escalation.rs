@@ -9,14 +9,16 @@
 //! In the experiment that the figure 1e14 comes from (4 states, 2 measured, R = I/c, 200 updates; `tests/square_root.rs`) runs
 //! with c <= 1e14 need no root, and with c = 1e15 and more every run that the Joseph form would lose takes it in time.
 //!
-//! A tracker keeps of its tracks P alone: there the step that would make it nearly singular is done by the root of the P before.
+//! A tracker keeps of its tracks and of the components of its intensity P alone: there the step that would make it nearly singular
+//! is done by the root of the P before, and what 16 digits cannot hold of the result is added to the variances: a part of 4 n ε.
 //!
 //! Not everything has a square-root form: sigma points that are not drawn again, or whose weights make a difference of
 //! squares, stay as they are. A P that was given with an indefinite part beyond rounding becomes the nearest that has none.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
-use super::extended::{Method, Rule};
+use super::correction::Scratch;
+use super::extended::Method;
 use super::kalman::MeasurementPrediction;
 use super::look::{Look, set_noise_root};
 use super::measured_root::MeasuredRoot;
@@ -26,7 +28,10 @@ use super::square_root::{Form, factor_of};
 use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::symmetric::{SymmetricEigen, symmetric_eigen};
-use crate::model::{Motion, StateSpace};
+use crate::model::Motion;
+
+/// So often variances are made larger at most.
+const ROUNDS: usize = 8;
 
 impl Runner<'_> {
     /// Predicts once more, from the same state, by its root, and stays with roots; whether that is possible.
@@ -76,36 +81,79 @@ impl Runner<'_> {
     }
 }
 
-/// The estimate that a course leads to, by the root of the covariance that it begins with.
-pub(crate) fn predict_by_root(
-    space: StateSpace,
-    rule: Rule,
-    prior: &Gaussian,
-    course: &Course<'_>,
-) -> Result<Gaussian> {
-    let mut prediction = Prediction::new(space, rule, Form::SquareRoot);
-    prediction.predict(prior, Some(&root_of(&prior.cov)?), course)?;
-    Ok(prediction.state)
+impl Prediction {
+    /// Predicts a state of which P alone is kept: by the root of P where P⁻ would be nearly singular. Whether that was so.
+    pub(crate) fn predict_definite(&mut self, prior: &Gaussian, course: &Course<'_>) -> Result<bool> {
+        self.predict(prior, None, course)?;
+        if !self.state.is_nearly_singular() {
+            return Ok(false);
+        }
+        let mut rooted = self.in_form(Form::SquareRoot);
+        let done = root_of(&prior.cov).and_then(|root| rooted.predict(prior, Some(&root), course));
+        if done.is_ok() {
+            self.state = rooted.state;
+            round_up(&mut self.state);
+        }
+        Ok(done.is_ok())
+    }
 }
 
 impl MeasurementPrediction {
-    /// The posterior of what is observed of an innovation (not NaN), by the root of the prior's covariance.
-    pub(crate) fn posterior_by_root(&self, prior: &Gaussian, innovation: &[f64]) -> Result<Gaussian> {
-        let (n, m) = (self.n, self.m);
-        let mut rooted = Self::sized(n, m);
-        rooted.jacobian.copy_from_slice(&self.jacobian);
-        rooted.noise.copy_from_slice(&self.noise);
-        rooted.sparse.set(n, &self.jacobian);
-        let mut root = MeasuredRoot::default();
-        root.factor = root_of(&prior.cov)?;
-        root.noise.resize(m * m, 0.0);
-        set_noise_root(&self.noise, &mut root.noise)?;
-        for row in root.factor.chunks_exact(n.max(1)) {
-            root.seen.extend((0..m).map(|i| rooted.sparse.row_dot(i, row)));
+    /// The posterior of an innovation of all components, for a state of which P alone is kept: by the root of P where P⁺ would
+    /// be nearly singular. Whether that was so.
+    pub(crate) fn definite_posterior_into(
+        &self,
+        prior: &Gaussian,
+        innovation: &[f64],
+        scratch: &mut Scratch,
+        out: &mut Gaussian,
+    ) -> bool {
+        self.posterior_into(prior.into(), innovation, scratch, out);
+        let line = [&self.jacobian[..], &self.noise[..]];
+        out.is_nearly_singular() && correct_by_root(prior, line, innovation, scratch, out).is_ok()
+    }
+}
+
+/// The posterior of an innovation, by the root of the prior's covariance, from H (m×n) and R (m×m), row by row.
+pub(crate) fn correct_by_root(
+    prior: &Gaussian,
+    [jacobian, noise]: [&[f64]; 2],
+    innovation: &[f64],
+    scratch: &mut Scratch,
+    out: &mut Gaussian,
+) -> Result<()> {
+    let (n, m) = (prior.dim(), innovation.len());
+    let mut rooted = MeasurementPrediction::sized(n, m);
+    rooted.jacobian.copy_from_slice(jacobian);
+    rooted.noise.copy_from_slice(noise);
+    rooted.sparse.set(n, jacobian);
+    let mut root = MeasuredRoot::default();
+    root.factor = root_of(&prior.cov)?;
+    root.noise.resize(m * m, 0.0);
+    set_noise_root(noise, &mut root.noise)?;
+    for row in root.factor.chunks_exact(n.max(1)) {
+        root.seen.extend((0..m).map(|i| rooted.sparse.row_dot(i, row)));
+    }
+    rooted.root = Some(Box::new(root));
+    rooted.prepare(prior.cov.as_slice())?;
+    rooted.posterior_into(prior.into(), innovation, scratch, out);
+    round_up(out);
+    Ok(())
+}
+
+/// Makes the variances larger by rounding until the covariance is positive definite: Uᵀ U is, but not with 16 digits.
+fn round_up(state: &mut Gaussian) {
+    let rounding = state.dim() as f64 * f64::EPSILON;
+    for _ in 0..ROUNDS {
+        if !state.has_little_left(rounding) {
+            break;
         }
-        rooted.root = Some(Box::new(root));
-        rooted.prepare(prior.cov.as_slice())?;
-        Ok(rooted.update(prior, &DVector::from_column_slice(innovation))?.posterior)
+        state
+            .cov
+            .as_mut_slice()
+            .iter_mut()
+            .step_by(state.mean.len() + 1)
+            .for_each(|p| *p *= 1.0 + 4.0 * rounding);
     }
 }
 

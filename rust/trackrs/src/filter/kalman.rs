@@ -63,12 +63,21 @@ pub fn predict_by(
 }
 
 /// Several estimates `dt` seconds later.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Predictions {
+    /// The estimates.
+    pub states: Gaussians,
+    /// Whether each was found by the root of the covariance before, because its own came close to being singular.
+    pub rooted: Vec<bool>,
+}
+
+/// Predicts several estimates by `dt` seconds.
 pub fn predict_each<'a>(
     rule: Rule,
     priors: impl IntoIterator<Item = &'a Gaussian>,
     motion: &dyn Motion,
     dt: f64,
-) -> Result<Gaussians> {
+) -> Result<Predictions> {
     let space = motion.space();
     let mut prediction = Prediction::new(space, rule, Form::Joseph);
     let course = Course {
@@ -78,11 +87,14 @@ pub fn predict_each<'a>(
         noise: None,
     };
     let priors = priors.into_iter();
-    let mut out = Gaussians::new(space.dim);
-    out.reserve(priors.size_hint().0);
+    let mut out = Predictions {
+        states: Gaussians::new(space.dim),
+        rooted: Vec::with_capacity(priors.size_hint().0),
+    };
+    out.states.reserve(priors.size_hint().0);
     for prior in priors {
-        prediction.predict(prior, None, &course)?;
-        out.push(&prediction.state);
+        out.rooted.push(prediction.predict_definite(prior, &course)?);
+        out.states.push(&prediction.state);
     }
     Ok(out)
 }
@@ -203,6 +215,11 @@ impl MeasurementPrediction {
     /// H, m×n row by row.
     pub fn jacobian(&self) -> &[f64] {
         &self.jacobian
+    }
+
+    /// R, m×m, and what the rule adds to it.
+    pub fn noise(&self) -> &[f64] {
+        &self.noise
     }
 
     /// H P, m×n row by row.

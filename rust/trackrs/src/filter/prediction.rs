@@ -109,6 +109,11 @@ impl Prediction {
         }
     }
 
+    /// Memory for the same in another form.
+    pub(super) fn in_form(&self, form: Form) -> Self {
+        Self::new(self.space, self.rule, form)
+    }
+
     /// F, n×n, row by row.
     pub fn transition(&self) -> &[f64] {
         &self.transition

@@ -36,7 +36,7 @@ use super::mixture::Component;
 use super::rate::RateModel;
 use super::spread::Seen;
 use super::sums::{log_add, log_sum};
-use super::view::Noise;
+use super::view::{Noise, Posterior};
 use crate::error::{Error, Result};
 use crate::model::Sensor;
 use crate::model::sensor::wrap_angle;
@@ -269,12 +269,14 @@ impl<'a> Scene<'a> {
     fn updated(&self, j: usize, y: &[f64], count: f64, scatter: &[f64], weight: f64) -> Component {
         let (component, seen) = (self.mixture[j], &self.seen[j]);
         let extent = component.extent.as_ref();
+        let Posterior { state, rooted } = seen.view.posterior(&component.state, y, count);
         Component {
             weight,
-            state: seen.view.posterior(&component.state, y, count),
+            state,
             rate: self.update.rates.detected(component.rate, count),
             extent: extent.map(|extent| seen.extent_after(extent, count, scatter)),
             label: component.label,
+            rooted: component.rooted || rooted,
         }
     }
 

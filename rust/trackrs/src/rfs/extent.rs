@@ -119,6 +119,7 @@ mod tests {
                 rate: crate::rfs::rate::Rate::with_mean(1.0, 1.0),
                 extent: Some(extent),
                 label: 0,
+                rooted: false,
             }];
             model.predict(&mut mixture, dt);
             mixture[0].extent.clone().unwrap()

@@ -173,6 +173,7 @@ impl PointUpdate {
                     rate: prior.rate,
                     extent: None,
                     label: prior.label,
+                    rooted: prior.rooted || pairs.corrections.is_rooted(pair.correction),
                 });
             }
         }

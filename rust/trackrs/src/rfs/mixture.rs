@@ -46,6 +46,14 @@ pub struct Component {
     pub extent: Option<Extent>,
     /// Whose it is: kept through survival and update.
     pub label: u64,
+    /// Whether a step of it was done by the root of its covariance, because that came close to being singular.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub rooted: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for a reference")]
+fn is_false(yes: &bool) -> bool {
+    !yes
 }
 
 impl Component {
@@ -247,10 +255,11 @@ fn merge(all: &mut [Component], members: &[usize]) -> Vec<u64> {
         .collect();
     let space = StateSpace::euclidean(all[first].state.dim());
     let weight = parts.clone().map(|c| c.weight).sum();
+    let rooted = parts.clone().any(|c| c.rooted && c.label == labels[0]);
     let state = moments(&space, parts.map(|c| (c.weight, &c.state)));
     let (rate, extent) = (Rate::merged(&rates), extent::merged(&extents));
     let target = &mut all[first];
-    target.weight = weight;
+    (target.weight, target.rooted) = (weight, rooted);
     if let Some(state) = state {
         target.state = state;
     }

@@ -21,6 +21,8 @@ use crate::error::{
 };
 use crate::filter::extended::Rule;
 use crate::filter::kalman::predict_each;
+use crate::filter::prediction::{Course, Prediction};
+use crate::filter::square_root::Form;
 use crate::gaussian::Gaussian;
 use crate::linalg::symmetric::require_covariance;
 use crate::model::Motion;
@@ -86,27 +88,31 @@ impl Fate {
         dt: f64,
         next_label: &mut u64,
     ) -> Result<()> {
-        let states = predict_each(rule, mixture.iter().map(|component| &component.state), motion, dt)?;
+        let predictions = predict_each(rule, mixture.iter().map(|component| &component.state), motion, dt)?;
         let mut spawned = Vec::with_capacity(mixture.len() * self.spawns.len());
+        let mut spawning = Prediction::new(motion.space(), Rule::Once, Form::Joseph);
         for component in mixture.iter() {
             for spawn in &self.spawns {
-                let state = &component.state;
-                let moved = motion.propagate(&state.mean, dt);
-                let slope = motion.jacobian(&state.mean, dt);
+                let course = Course {
+                    motion,
+                    dt,
+                    input: Some(spawn.offset.as_slice()),
+                    noise: Some(spawn.cov.as_slice()),
+                };
+                let rooted = spawning.predict_definite(&component.state, &course)?;
                 spawned.push(Component {
                     weight: component.weight * spawn.weight,
-                    state: Gaussian::new(
-                        moved + &spawn.offset,
-                        &slope * &state.cov * slope.transpose() + &spawn.cov,
-                    )?,
+                    state: spawning.state.clone(),
                     rate: rates.predicted(component.rate),
                     extent: None,
                     label: fresh(next_label),
+                    rooted,
                 });
             }
         }
         for (index, component) in mixture.iter_mut().enumerate() {
-            let state = states.view(index);
+            let state = predictions.states.view(index);
+            component.rooted |= predictions.rooted[index];
             component.weight *= self.survival_probability;
             component.state.mean.as_mut_slice().copy_from_slice(state.mean);
             component.state.cov.as_mut_slice().copy_from_slice(state.cov);
@@ -125,6 +131,7 @@ impl Fate {
                 rate: self.birth_rate,
                 extent: None,
                 label: fresh(next_label),
+                rooted: false,
             });
         }
     }

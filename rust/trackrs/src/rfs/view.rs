@@ -16,10 +16,14 @@
 //!
 //! the O(1) form of the stacked update (extended-target spec 4.2), without a factorisation per cell.
 //! Where S is more than H P Hᵀ + R (curvature, sigma points): P ← P − B diag(n / (n λ + 1)) Bᵀ, the same where h is linear.
+//! What would be nearly singular by either is done by the root of P (`filter/escalation.rs`), from T and the noise
+//! A (S − H P Hᵀ − R) Aᵀ + 1/n.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::error::Result;
+use crate::filter::correction::Scratch;
+use crate::filter::escalation::correct_by_root;
 use crate::filter::extended::{Rule, expect};
 use crate::filter::kalman::LN_TAU;
 use crate::gaussian::Gaussian;
@@ -61,7 +65,9 @@ pub(crate) struct View {
     axes: Vec<f64>,
     pub(crate) spread: Vec<f64>,
     cross: DMatrix<f64>,
-    slope: Option<DMatrix<f64>>,
+    slope: DMatrix<f64>,
+    /// A (S − H P Hᵀ − R) Aᵀ, where it may be more than nothing.
+    bends: Option<DMatrix<f64>>,
     /// m ln 2π + ln |R|.
     pub(crate) log_volume: f64,
 }
@@ -85,13 +91,15 @@ impl View {
         }
         let axes = eigen.vectors.transpose() * inverse;
         let crossing = DMatrix::from_row_slice(m, n, seen.prediction.cross());
-        let slope = (rule == Rule::Once).then(|| &axes * DMatrix::from_row_slice(m, n, seen.prediction.jacobian()));
+        let more = || DMatrix::from_row_slice(m, m, seen.prediction.noise()) - &noise.cov;
+        let bends = (rule != Rule::Once).then(|| &axes * more() * axes.transpose());
         Ok(Self {
             expected: seen.expected.as_slice().to_vec(),
             cross: (&axes * crossing).transpose(),
+            slope: &axes * DMatrix::from_row_slice(m, n, seen.prediction.jacobian()),
+            bends,
             axes: axes.transpose().as_slice().to_vec(),
             spread: eigen.values.iter().map(|value| value.max(0.0)).collect(),
-            slope,
             log_volume: noise.log_volume,
         })
     }
@@ -131,24 +139,43 @@ impl View {
     }
 
     /// The component after a mean of n measurements at y; n need not be whole.
-    pub(crate) fn posterior(&self, prior: &Gaussian, y: &[f64], n: f64) -> Gaussian {
+    pub(crate) fn posterior(&self, prior: &Gaussian, y: &[f64], n: f64) -> Posterior {
         let mut gain = self.cross.clone();
         for (mut column, spread) in gain.column_iter_mut().zip(&self.spread) {
             column *= n / (n * spread + 1.0);
         }
         let mean = &prior.mean + &gain * DVector::from_column_slice(y);
         let mut cov = prior.cov.clone();
-        if let Some(slope) = &self.slope {
+        if self.bends.is_none() {
             let mut kept = DMatrix::identity(prior.dim(), prior.dim());
-            kept.gemm(-1.0, &gain, slope, 1.0);
+            kept.gemm(-1.0, &gain, &self.slope, 1.0);
             cov = &kept * &prior.cov * kept.transpose();
             cov.gemm(1.0 / n, &gain, &gain.transpose(), 1.0);
         } else {
             cov.gemm(-1.0, &gain, &self.cross.transpose(), 1.0);
         }
         symmetrise(&mut cov);
-        Gaussian { mean, cov }
+        let mut state = Gaussian { mean, cov };
+        let rooted = state.is_nearly_singular() && self.correct_by_root(prior, y, n, &mut state).is_ok();
+        Posterior { state, rooted }
     }
+
+    fn correct_by_root(&self, prior: &Gaussian, y: &[f64], n: f64, out: &mut Gaussian) -> Result<()> {
+        let mut noise = DMatrix::identity(y.len(), y.len()) / n;
+        if let Some(bends) = &self.bends {
+            noise += bends;
+        }
+        let rows = self.slope.transpose();
+        let line = [rows.as_slice(), noise.as_slice()];
+        correct_by_root(prior, line, y, &mut Scratch::default(), out)
+    }
+}
+
+/// A component after an update.
+pub(crate) struct Posterior {
+    pub(crate) state: Gaussian,
+    /// Whether it was found by the root of the covariance before, because its own came close to being singular.
+    pub(crate) rooted: bool,
 }
 
 #[cfg(test)]
@@ -205,7 +232,7 @@ mod tests {
                 (found - log_density).abs() < 1e-12 * log_density.abs().max(1.0),
                 "{found} {log_density}"
             );
-            let posterior = view.posterior(&prior, &y, n_z);
+            let Posterior { state: posterior, .. } = view.posterior(&prior, &y, n_z);
             assert!((posterior.mean - &mean).amax() < 1e-12 * mean.amax().max(1.0));
             assert!((posterior.cov - &cov).amax() < 1e-12 * prior.cov.amax());
         }

@@ -181,6 +181,13 @@ impl Intake {
         })
     }
 
+    /// Records that steps of a track, without an identity while it is tentative, are done by roots.
+    pub(super) fn tell_rooted(&mut self, scan: &Scan, id: Option<u64>) -> Result<()> {
+        let name = id.map_or("a tentative track".into(), |id| format!("track {id}"));
+        let reason = format!("the covariance of {name} is nearly singular: such steps are done by its root");
+        self.record(scan, EventCode::Escalated, None, &reason)
+    }
+
     /// Why a scan cannot be used whenever it had come, if so.
     pub(super) fn fault(scan: &Scan, sensor: &SensorModel, needs: Needs) -> Option<(EventCode, String)> {
         if !scan.time.is_finite() {

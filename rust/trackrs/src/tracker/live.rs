@@ -7,8 +7,6 @@ use super::health::Monitor;
 use super::lifecycle::{Start, Window};
 use super::look::Look;
 use crate::error::Result;
-use crate::filter::escalation::predict_by_root;
-use crate::filter::extended::Rule;
 use crate::filter::prediction::{Course, Prediction};
 use crate::gaussian::Gaussian;
 use crate::model::{Motion, MotionModel};
@@ -92,7 +90,6 @@ impl LiveTrack {
     pub(super) fn advance(
         &mut self,
         prediction: &mut Prediction,
-        rule: Rule,
         motion: &MotionModel,
         from: f64,
         to: f64,
@@ -107,13 +104,8 @@ impl LiveTrack {
             input: None,
             noise: None,
         };
-        prediction.predict(prior, None, &course)?;
-        if prediction.state.is_nearly_singular()
-            && let Ok(state) = predict_by_root(motion.space(), rule, prior, &course)
-        {
+        if prediction.predict_definite(prior, &course)? {
             self.rooted.again();
-            copy(&state, &mut self.state);
-            return Ok(());
         }
         copy(&prediction.state, &mut self.state);
         Ok(())

@@ -230,7 +230,7 @@ impl MultiTargetTracker {
         }
         let prediction = self.work.prediction(&self.config);
         for track in &mut self.tracks {
-            track.advance(prediction, self.config.filter.rule(), &self.config.motion, from, to)?;
+            track.advance(prediction, &self.config.motion, from, to)?;
         }
         Ok(())
     }
@@ -258,9 +258,7 @@ impl MultiTargetTracker {
     fn tell_rooted(&mut self, scan: &Scan) -> Result<()> {
         for track in self.tracks.iter_mut().filter(|track| track.rooted == Rooted::Now) {
             track.rooted = Rooted::Before;
-            let name = track.id.map_or("a tentative track".into(), |id| format!("track {id}"));
-            let reason = format!("the covariance of {name} is nearly singular: such steps are done by its root");
-            self.intake.record(scan, EventCode::Escalated, None, &reason)?;
+            self.intake.tell_rooted(scan, track.id)?;
         }
         Ok(())
     }

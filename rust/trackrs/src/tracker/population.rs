@@ -212,13 +212,7 @@ impl MultiTargetTracker {
         if report.time < now {
             let prediction = self.work.prediction(&self.config);
             // Those that predict in long steps stand where they are stored.
-            track.advance(
-                prediction,
-                self.config.filter.rule(),
-                &self.config.motion,
-                report.time,
-                now,
-            )?;
+            track.advance(prediction, &self.config.motion, report.time, now)?;
         }
         self.tracks.push(track);
         Ok(())

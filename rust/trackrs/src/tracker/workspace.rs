@@ -218,18 +218,14 @@ impl Bench {
     ) -> Result<bool> {
         let Linearised { expected, prediction } = &self.slots[slot];
         residual_into(sensor, measured, expected.as_slice(), self.innovation.as_mut_slice());
-        if self.innovation.iter().any(|r| r.is_nan()) {
-            self.posterior = prediction.update(prior, &self.innovation)?.posterior;
-        } else {
-            let innovation = self.innovation.as_slice();
-            prediction.posterior_into(prior.into(), innovation, &mut self.scratch, &mut self.posterior);
+        let innovation = self.innovation.as_slice();
+        let (scratch, posterior) = (&mut self.scratch, &mut self.posterior);
+        if !innovation.iter().any(|r| r.is_nan()) {
+            return Ok(prediction.definite_posterior_into(prior, innovation, scratch, posterior));
         }
-        if self.posterior.is_nearly_singular()
-            && let Ok(posterior) = prediction.posterior_by_root(prior, self.innovation.as_slice())
-        {
-            self.posterior = posterior;
-            return Ok(true);
-        }
-        Ok(false)
+        let observed: Vec<usize> = (0..innovation.len()).filter(|&i| !innovation[i].is_nan()).collect();
+        let innovation: Vec<f64> = observed.iter().map(|&i| innovation[i]).collect();
+        let prediction = prediction.select(&observed)?;
+        Ok(prediction.definite_posterior_into(prior, &innovation, scratch, posterior))
     }
 }

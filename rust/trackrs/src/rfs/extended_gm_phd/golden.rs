@@ -61,6 +61,7 @@ fn mixture(value: &Value) -> Vec<Component> {
         },
         extent: None,
         label: i as u64,
+        rooted: false,
     };
     numbers(&value["w"]).iter().enumerate().map(component).collect()
 }
@@ -372,7 +373,8 @@ fn blocks_and_the_mean_field() {
             );
             let state = scene.seen[j]
                 .view
-                .posterior(&predicted[j].state, &found[j].mean, found[j].count);
+                .posterior(&predicted[j].state, &found[j].mean, found[j].count)
+                .state;
             let expected = gaussian(&field["m"][j], &field["P"][j]);
             assert!((&state.mean - &expected.mean).amax() < 1e-9 * expected.mean.amax());
             assert!((&state.cov - &expected.cov).amax() < 1e-9 * expected.cov.amax());

@@ -233,6 +233,7 @@ impl Line {
             rate: Rate::with_mean(2.0, 8.0),
             extent: Some(extent(line(x), certainty)),
             label,
+            rooted: false,
         };
         let rule = DistancePartition {
             thresholds: Thresholds::Range {

@@ -10,7 +10,7 @@
 //! Reference: extended-target spec 10; Panta, Clark, Vo (2009), Data association and track management for the Gaussian
 //! mixture probability hypothesis density filter, IEEE TAES 45(3).
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::iter::repeat_n;
 
 use serde::{Deserialize, Serialize};
@@ -35,12 +35,35 @@ pub(super) struct Labels {
     candidates: BTreeMap<u64, Candidate>,
     tracks: u64,
     pub(super) next_label: u64,
+    /// Those in the mixture of which it was told that steps are done by roots.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    rooted: BTreeSet<u64>,
 }
 
 impl Labels {
     /// Ends all tracks; identities are not given again.
     pub(super) fn forget(&mut self) {
         self.candidates.clear();
+        self.rooted.clear();
+    }
+
+    /// The identities, none while tentative, of the targets of the last extraction of which steps were done by roots; of every
+    /// label once.
+    pub(super) fn newly_rooted(&mut self, mixture: &[Component]) -> Vec<Option<u64>> {
+        if !self.rooted.is_empty() {
+            let there: HashSet<u64> = mixture.iter().map(|component| component.label).collect();
+            self.rooted.retain(|label| there.contains(label));
+        }
+        let mut told = Vec::new();
+        for component in mixture.iter().filter(|component| component.rooted) {
+            let candidate = self.candidates.get(&component.label);
+            if let Some(candidate) = candidate.filter(|candidate| candidate.misses == 0)
+                && self.rooted.insert(component.label)
+            {
+                told.push(candidate.id);
+            }
+        }
+        told
     }
 
     /// Checks what was read back.

@@ -29,7 +29,7 @@ use super::look::Row;
 use crate::error::{Error, Result, require_finite, require_non_negative, require_size};
 use crate::event::{EventCode, EventLog, Ledger};
 use crate::filter::extended::expect;
-use crate::filter::kalman::predict_by;
+use crate::filter::kalman::predict_each;
 use crate::model::{Motion, Sensor};
 use crate::partition::distance::{DistancePartition, Thresholds};
 use crate::partition::{Partition, Partitioner, Points};
@@ -94,6 +94,7 @@ impl PhdTracker {
                 rate: tracker.config.fate.birth_rate,
                 extent: tracker.config.update.extent().map(|model| model.prior.clone()),
                 label: fresh(&mut tracker.labels.next_label),
+                rooted: false,
             });
         }
         if let IntensityUpdate::Cardinalised(update) = &tracker.config.update {
@@ -211,7 +212,13 @@ impl PhdTracker {
             let watch = self.config.watch(&scan.sensor)?;
             self.pending = self.unexplained(&rule, watch, platform.as_ref(), &measurements)?;
         }
-        Ok(())
+        self.tell_rooted(scan)
+    }
+
+    /// Tells of every target once that steps of it are done by roots.
+    fn tell_rooted(&mut self, scan: &Scan) -> Result<()> {
+        let targets = self.labels.newly_rooted(&self.mixture);
+        targets.into_iter().try_for_each(|id| self.intake.tell_rooted(scan, id))
     }
 
     fn predict(&mut self, scan: &Scan) -> Result<()> {
@@ -225,8 +232,9 @@ impl PhdTracker {
         }
         let next_label = &mut self.labels.next_label;
         let mut born = std::mem::take(&mut self.pending);
-        for birth in &mut born {
-            birth.state = predict_by(rule, &birth.state, motion, dt, None)?;
+        let states = predict_each(rule, born.iter().map(|birth| &birth.state), motion, dt)?.states;
+        for (birth, state) in born.iter_mut().zip(states.iter()) {
+            birth.state = state;
         }
         let mixture = &mut self.mixture;
         fate.survive(mixture, motion, rule, self.config.update.rates(), dt, next_label)?;
