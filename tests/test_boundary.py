@@ -103,6 +103,21 @@ def an_assignment(share):
     return lambda: tr.association.assign(costs)
 
 
+def probabilities(share):
+    # One report more doubles the subsets of reports.
+    size = round(21 + np.log2(share))
+    weights = np.random.default_rng(0).uniform(0.1, 1.0, (size, 1 + size))
+    return lambda: tr.association.marginals(weights, budget=10**11)
+
+
+def a_study(share):
+    scene = tr.scenarios.turntable(samples=int(400_000 * share))
+    motion, sensor = tr.ConstantAcceleration(dims=1, jerk_psd=1.0), tr.PositionSensor(dims=1, std=scene.std)
+    kf = tr.KalmanFilter(motion, sensor, adapt=tr.LimitedMemoryNoise(window=20))
+    study = tr.Study(scene, {"adaptive": kf}, [tr.study.PositionError()])
+    return lambda: study.run(runs=1, seed=7, workers=1)
+
+
 def a_score(share):
     size = int(6_000 * share**0.5)
     here, there = points(2 * size).reshape(2, size, 2)
@@ -112,7 +127,19 @@ def a_score(share):
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs interval timers")
 @pytest.mark.parametrize(
     "call",
-    [a_run, a_smoother, a_tracker, density_peaks, outlier_factors, dbscan, kmeans, an_assignment, a_score],
+    [
+        a_run,
+        a_smoother,
+        a_tracker,
+        density_peaks,
+        outlier_factors,
+        dbscan,
+        kmeans,
+        an_assignment,
+        probabilities,
+        a_score,
+        a_study,
+    ],
 )
 def test_an_interrupt_ends_the_call_long_before_its_end(call):
     """The whole would take 20 times what a twentieth took; a half of it is all that is allowed."""

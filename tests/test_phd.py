@@ -214,6 +214,35 @@ def test_what_cannot_be_used_is_an_event_and_booked():
         told(SCENE, strict=True).start().step(tr.Scan(1.0, rows, "radar"))
 
 
+@pytest.mark.parametrize("kind", ["extended", "point", "cardinalised"])
+def test_a_target_close_to_singular_stays_definite_and_is_told_once(kind):
+    """Fault 1: after a long gap the position has next to nothing of its own."""
+    settings = {
+        "motion": tr.ConstantVelocity(dims=2, accel_psd=1e-40),
+        "sensor": tr.PositionSensor(dims=2, std=1e-5),
+        "birth": tr.Birth([], weights=[]),
+        "clutter_density": 0.0,
+    }
+    phd = {
+        "extended": lambda **more: tr.ExtendedGMPHD(**settings, detections_per_target=3.0, **more),
+        "point": lambda **more: tr.GMPHD(**settings, **more),
+        "cardinalised": lambda **more: tr.CPHD(**settings, max_targets=5, **more),
+    }[kind]
+    target = tr.GaussianState(np.zeros(4), np.eye(4), time=0.0)
+    scans = [tr.Scan(float(time), [[0.0, 0.0]], "radar") for time in (*range(1, 21), *range(10**9, 10**9 + 20))]
+    tracker = phd().start([target])
+    for scan in scans:
+        tracks = tracker.step(scan)
+        for cov in (*tracks.covs, *tracker.mixture.covs):
+            np.linalg.cholesky(cov)
+    assert tracker.event_counts == {"escalated": 1}
+    (event,) = tracker.events
+    assert event.time == 1e9
+    assert event.reason == "the covariance of track 1 is nearly singular: such steps are done by its root"
+    with pytest.raises(tr.StrictError, match="escalated at 1000000000 s"):
+        phd(strict=True).start([target]).run(scans)
+
+
 COV = np.eye(4)
 BOTH = {"a": POSITION, "b": POSITION}
 

@@ -37,14 +37,22 @@ impl Gaussian {
 
     /// Whether a component's variance, given those before it, is 1e-14 of its variance or less.
     pub(crate) fn is_nearly_singular(&self) -> bool {
-        self.has_little_left(kernel::NEARLY_SINGULAR)
+        fn of<const N: usize>(n: usize, cov: &[f64], work: &mut [f64]) -> bool {
+            kernel::little_left::<N>(n, kernel::NEARLY_SINGULAR, cov, work)
+        }
+        self.with_work(|n, cov, work| sized!(of(n, cov, work)))
     }
 
-    /// The same for another part.
-    pub(crate) fn has_little_left(&self, part: f64) -> bool {
-        fn of<const N: usize>(n: usize, part: f64, cov: &[f64], work: &mut [f64]) -> bool {
-            kernel::little_left::<N>(n, part, cov, work)
+    /// Whether the matrix of correlations has an eigenvalue of 1e-14 or less: what is kept as a matrix is not definite then
+    /// but for rounding.
+    pub(crate) fn is_barely_definite(&self) -> bool {
+        fn of<const N: usize>(n: usize, cov: &[f64], work: &mut [f64]) -> bool {
+            kernel::little_anywhere::<N>(n, kernel::NEARLY_SINGULAR, cov, work)
         }
+        self.with_work(|n, cov, work| sized!(of(n, cov, work)))
+    }
+
+    fn with_work(&self, ask: impl Fn(usize, &[f64], &mut [f64]) -> bool) -> bool {
         let (mut little, mut much) = ([0.0; 81], Vec::new());
         let work = if self.cov.len() <= little.len() {
             &mut little[..]
@@ -52,7 +60,7 @@ impl Gaussian {
             much.resize(self.cov.len(), 0.0);
             &mut much
         };
-        sized!(of(self.dim(), part, self.cov.as_slice(), work))
+        ask(self.dim(), self.cov.as_slice(), work)
     }
 
     /// Length of the mean.

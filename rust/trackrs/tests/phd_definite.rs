@@ -78,7 +78,7 @@ fn trial(update: Option<IntensityUpdate>, condition: f64, number: usize) -> (Phd
     (config, target, scans)
 }
 
-/// Whether the matrix of correlations has a Cholesky factor.
+/// Whether it is symmetric, and its correlations have a Cholesky factor.
 fn is_definite(cov: &DMatrix<f64>) -> bool {
     let scale = |i: usize| cov[(i, i)].sqrt();
     let correlations = DMatrix::from_fn(cov.nrows(), cov.ncols(), |i, j| cov[(i, j)] / (scale(i) * scale(j)));
@@ -128,11 +128,69 @@ fn outcome(update: Option<&IntensityUpdate>, filter: TrackFilter, condition: f64
 fn components_stay_definite_to_a_condition_of_1e24() {
     for (name, update) in updates() {
         for filter in [TrackFilter::Extended, TrackFilter::SecondOrder, TrackFilter::Unscented] {
-            for (exponent, expected) in [(9, Some(0)), (15, None), (18, Some(TRIALS)), (24, Some(TRIALS))] {
+            for exponent in [9, 15, 18, 24] {
                 let [definite, told] = outcome(update.as_ref(), filter, 10_f64.powi(exponent));
                 let what = format!("{name} {filter:?} 1e{exponent}: {definite} definite, {told} told");
-                println!("{what}");
+                assert_eq!(definite, TRIALS, "{what}");
+                assert!(exponent < 18 || told == TRIALS, "{what}");
+                assert!(exponent > 9 || told == 0, "{what}");
             }
         }
     }
+}
+
+/// Targets whose positions have next to nothing of their own after a long gap, and what they give off.
+fn gap(update: Option<IntensityUpdate>) -> (PhdConfig, Birth, Vec<Scan>) {
+    let motion = ConstantVelocity::new(KinematicNoise::Psd(vec![1e-40; 2])).unwrap();
+    let sensor = SensorModel::Position(PositionSensor::new(vec![1e-5; 2]).unwrap());
+    let mut config = PhdConfig::new(MotionModel::ConstantVelocity(motion), sensor, Vec::new(), 3.0, 0.0);
+    if let Some(update) = update {
+        config.update = update;
+    }
+    let state = Gaussian::new(DVector::zeros(4), DMatrix::identity(4, 4)).unwrap();
+    let times = (1..=20).map(f64::from).chain((0..20).map(|k| 1e9 + f64::from(k)));
+    let scan = |time| Scan::new(time, "", vec![DVector::zeros(2)]);
+    (config, Birth { weight: 1.0, state }, times.map(scan).collect())
+}
+
+#[test]
+fn a_long_gap_is_told_once_of_a_target() {
+    for (name, update) in updates() {
+        let (config, target, scans) = gap(update);
+        let mut tracker = PhdTracker::starting(config, &[target], 0.0).unwrap();
+        for scan in &scans {
+            tracker.step(scan).unwrap();
+            assert!(
+                tracker.mixture().iter().all(|c| is_definite(&c.state.cov)),
+                "{name} {}",
+                scan.time
+            );
+            // A save in between loses nothing of it.
+            tracker = PhdTracker::from_bytes(&tracker.to_bytes().unwrap()).unwrap();
+        }
+        assert_eq!(escalations(&tracker), [1e9], "{name}");
+    }
+}
+
+#[test]
+fn what_is_given_off_stays_definite() {
+    let (mut config, target, scans) = gap(Some(IntensityUpdate::Point(point())));
+    config.fate.spawns = vec![Spawn {
+        weight: 0.01,
+        offset: DVector::from_element(4, 1.0),
+        cov: DMatrix::zeros(4, 4),
+    }];
+    // All stay apart.
+    config.reduction.merge = 0.0;
+    let (mut rooted, mut tracker) = (false, PhdTracker::starting(config, &[target], 0.0).unwrap());
+    for scan in &scans {
+        tracker.step(scan).unwrap();
+        rooted |= tracker.mixture().iter().any(|c| c.label != 0 && c.rooted);
+        assert!(
+            tracker.mixture().iter().all(|c| is_definite(&c.state.cov)),
+            "{}",
+            scan.time
+        );
+    }
+    assert!(rooted);
 }

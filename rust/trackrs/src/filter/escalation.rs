@@ -9,8 +9,9 @@
 //! In the experiment that the figure 1e14 comes from (4 states, 2 measured, R = I/c, 200 updates; `tests/square_root.rs`) runs
 //! with c <= 1e14 need no root, and with c = 1e15 and more every run that the Joseph form would lose takes it in time.
 //!
-//! A tracker keeps of its tracks and of the components of its intensity P alone: there the step that would make it nearly singular
-//! is done by the root of the P before, and what 16 digits cannot hold of the result is added to the variances: a part of 4 n ε.
+//! A tracker keeps of its tracks and of the components of its intensity P alone: there the step that would make the least eigenvalue
+//! of the correlations 1e-14 or less, in whatever order of the components, is done by the root of the P before. What 16 digits cannot
+//! hold of the result is added to the variances, a part of 4 n ε: the matrix itself is positive definite.
 //!
 //! Not everything has a square-root form: sigma points that are not drawn again, or whose weights make a difference of
 //! squares, stay as they are. A P that was given with an indefinite part beyond rounding becomes the nearest that has none.
@@ -29,9 +30,6 @@ use crate::error::Result;
 use crate::gaussian::Gaussian;
 use crate::linalg::symmetric::{SymmetricEigen, symmetric_eigen};
 use crate::model::Motion;
-
-/// So often variances are made larger at most.
-const ROUNDS: usize = 8;
 
 impl Runner<'_> {
     /// Predicts once more, from the same state, by its root, and stays with roots; whether that is possible.
@@ -85,7 +83,7 @@ impl Prediction {
     /// Predicts a state of which P alone is kept: by the root of P where P⁻ would be nearly singular. Whether that was so.
     pub(crate) fn predict_definite(&mut self, prior: &Gaussian, course: &Course<'_>) -> Result<bool> {
         self.predict(prior, None, course)?;
-        if !self.state.is_nearly_singular() {
+        if !self.state.is_barely_definite() {
             return Ok(false);
         }
         let mut rooted = self.in_form(Form::SquareRoot);
@@ -110,7 +108,7 @@ impl MeasurementPrediction {
     ) -> bool {
         self.posterior_into(prior.into(), innovation, scratch, out);
         let line = [&self.jacobian[..], &self.noise[..]];
-        out.is_nearly_singular() && correct_by_root(prior, line, innovation, scratch, out).is_ok()
+        out.is_barely_definite() && correct_by_root(prior, line, innovation, scratch, out).is_ok()
     }
 }
 
@@ -141,19 +139,14 @@ pub(crate) fn correct_by_root(
     Ok(())
 }
 
-/// Makes the variances larger by rounding until the covariance is positive definite: Uᵀ U is, but not with 16 digits.
+/// Adds to the variances what 16 digits cannot hold of a barely definite Uᵀ U, so that it is positive definite as a matrix too.
 fn round_up(state: &mut Gaussian) {
-    let rounding = state.dim() as f64 * f64::EPSILON;
-    for _ in 0..ROUNDS {
-        if !state.has_little_left(rounding) {
-            break;
-        }
-        state
-            .cov
-            .as_mut_slice()
-            .iter_mut()
-            .step_by(state.mean.len() + 1)
-            .for_each(|p| *p *= 1.0 + 4.0 * rounding);
+    if state.is_barely_definite() {
+        let (n, cov) = (state.mean.len(), state.cov.as_mut_slice());
+        let rounding = 4.0 * n as f64 * f64::EPSILON;
+        cov.iter_mut()
+            .step_by(n + 1)
+            .for_each(|variance| *variance *= 1.0 + rounding);
     }
 }
 

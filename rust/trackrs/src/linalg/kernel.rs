@@ -201,8 +201,26 @@ pub(crate) const NEARLY_SINGULAR: f64 = 1e-14;
 #[inline(always)]
 pub(crate) fn little_left<const N: usize>(n: usize, part: f64, cov: &[f64], work: &mut [f64]) -> bool {
     let n = known::<N>(n);
+    work[..n * n].copy_from_slice(&cov[..n * n]);
+    eliminate::<N>(n, part, cov, work)
+}
+
+/// Whether the matrix of correlations has an eigenvalue of `part` or less: the same without regard to the order of the
+/// components, for what is asked of a covariance that is kept as a matrix. C − part diag C has a pivot of 0 or less then.
+#[inline(always)]
+pub(crate) fn little_anywhere<const N: usize>(n: usize, part: f64, cov: &[f64], work: &mut [f64]) -> bool {
+    let n = known::<N>(n);
+    work[..n * n].copy_from_slice(&cov[..n * n]);
+    for j in 0..n {
+        work[j * n + j] *= 1.0 - part;
+    }
+    eliminate::<N>(n, 0.0, cov, work)
+}
+
+#[inline(always)]
+fn eliminate<const N: usize>(n: usize, part: f64, cov: &[f64], work: &mut [f64]) -> bool {
+    let n = known::<N>(n);
     let (cov, a) = (&cov[..n * n], &mut work[..n * n]);
-    a.copy_from_slice(cov);
     for j in 0..n {
         let pivot = a[j * n + j];
         if pivot <= part * cov[j * n + j] {

@@ -3,7 +3,8 @@
 //! An update turns the mixture, where it stands, into that after the scan, not reduced: first all components as missed, then
 //! those that the measurements make. It returns how many components could not be compared with the scan, because the sensor
 //! stands on them or their covariance is not positive definite: these do not count as missed. With an error the mixture stays
-//! as it was.
+//! as it was. A covariance that would come close to being singular, predicted or updated, is found by the root of the one before
+//! (`filter/escalation.rs`), and its component is marked as `rooted`.
 
 pub(crate) mod cells;
 pub mod cphd;

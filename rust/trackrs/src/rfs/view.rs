@@ -156,7 +156,7 @@ impl View {
         }
         symmetrise(&mut cov);
         let mut state = Gaussian { mean, cov };
-        let rooted = state.is_nearly_singular() && self.correct_by_root(prior, y, n, &mut state).is_ok();
+        let rooted = state.is_barely_definite() && self.correct_by_root(prior, y, n, &mut state).is_ok();
         Posterior { state, rooted }
     }
 

@@ -6,7 +6,7 @@
 //!    component is refused, as is a scan whose reports have times of their own;
 //! 2. if time has passed, targets survive, move, spawn and are born ([`crate::rfs::prediction`]);
 //! 3. the scan updates the mixture ([`crate::rfs::extended_gm_phd`], [`crate::rfs::gm_phd`], [`crate::rfs::cphd`]), which is then reduced ([`crate::rfs::mixture`]);
-//! 4. targets are extracted and get their labels (`labels.rs`);
+//! 4. targets are extracted and get their labels (`labels.rs`); of every label it is told once that steps are done by roots;
 //! 5. with adaptive birth, measurements that no component of weight gates leave births for the next scan: one in the middle of
 //!    each set of them that hangs together.
 //!
