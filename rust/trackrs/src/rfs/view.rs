@@ -181,11 +181,42 @@ pub(crate) struct Posterior {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::sensor::LinearSensor;
+    use crate::filter::sigma_points::SigmaPoints;
+    use crate::model::sensor::{LinearSensor, RangeBearing};
     use crate::stats::stream::Stream;
 
     fn random(rows: usize, columns: usize, stream: &mut Stream) -> DMatrix<f64> {
         DMatrix::from_fn(rows, columns, |_, _| stream.normal())
+    }
+
+    /// Where nothing is singular the root changes nothing, with curvature and sigma points neither.
+    #[test]
+    fn the_posterior_by_the_root_is_the_posterior() {
+        let mut stream = Stream::new(9, 0);
+        let sensor = RangeBearing::new([0.0, 0.0], 1.0, 0.05).unwrap();
+        let noise = Noise::of(&sensor).unwrap();
+        for rule in [
+            Rule::Once,
+            Rule::SecondOrder,
+            Rule::SigmaPoints(SigmaPoints::cubature()),
+        ] {
+            for n in [1.0, 2.5, 40.0] {
+                let half = random(4, 4, &mut stream) * 3.0;
+                let prior = Gaussian {
+                    mean: DVector::from_vec(vec![20.0, 15.0, 1.0, -1.0]),
+                    cov: &half * half.transpose() + DMatrix::identity(4, 4),
+                };
+                let view = View::new(&prior, &sensor, None, rule, &noise).unwrap();
+                let y = [0.7, -1.3];
+                let expected = view.posterior(&prior, &y, n);
+                let mut found = prior.clone();
+                view.correct_by_root(&prior, &y, n, &mut found).unwrap();
+                assert!(!expected.rooted);
+                assert!((&found.mean - &expected.state.mean).amax() < 1e-12 * found.mean.amax());
+                let error = (&found.cov - &expected.state.cov).amax() / prior.cov.amax();
+                assert!(error < 1e-12, "{rule:?} {n}: {error:e}");
+            }
+        }
     }
 
     /// Mean and noise of a cell against all its measurements stacked, as the literature writes the update.
