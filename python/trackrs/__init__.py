@@ -91,26 +91,12 @@ if TYPE_CHECKING:
         Spawn,
     )
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
+    from trackrs.runs import ChiSquareTests, FilterRun, SmoothedRun, Verdict, Whiteness
     from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
     from trackrs.study import Study
     from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
-    from trackrs.types import (
-        ChiSquareTests,
-        Event,
-        FilterRun,
-        Fix,
-        GaussianState,
-        Health,
-        Ledger,
-        Scan,
-        SmoothedRun,
-        Track,
-        Tracks,
-        Update,
-        Verdict,
-        Whiteness,
-    )
+    from trackrs.types import Event, Fix, GaussianState, Health, Ledger, Scan, Track, Tracks, Update
 
 __all__ = [
     "CPHD",
@@ -258,6 +244,7 @@ _HOMES = (
     "partition",
     "phd",
     "pose",
+    "runs",
     "sensor",
     "study",
     "timing",

@@ -9,7 +9,7 @@ import numpy as np
 from trackrs.errors import DimensionError, ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -42,6 +42,11 @@ def frozen(value: NDArray[Any]) -> NDArray[Any]:
     """Make an array that nobody else holds read-only and return it."""
     value.setflags(write=False)
     return value
+
+
+def freeze_columns(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Make every array of a result read-only."""
+    return {key: frozen(value) if isinstance(value, np.ndarray) else value for key, value in columns.items()}
 
 
 def frozen_array(value: ArrayLike, name: str, ndim: int) -> FloatArray:

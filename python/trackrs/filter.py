@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import array, for_each, frozen
+from trackrs._arrays import array, for_each, freeze_columns, frozen
 from trackrs._value import Value
 from trackrs.adaptive import ResidualNoise
 from trackrs.errors import DimensionError, ParameterError, TimeError
-from trackrs.types import Event, FilterRun, GaussianState, Ledger, Update, freeze_columns
+from trackrs.runs import FilterRun
+from trackrs.types import Event, GaussianState, Ledger, Update
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, each, frozen
+from trackrs._arrays import FloatArray, array, each, freeze_columns, frozen
 from trackrs.errors import DimensionError
-from trackrs.types import freeze_columns
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, IntArray, array, frozen, frozen_array
+from trackrs._arrays import FloatArray, IntArray, array, freeze_columns, frozen, frozen_array
 from trackrs.errors import DimensionError, ParameterError
-from trackrs.types import ChiSquareTests, Whiteness, freeze_columns
+from trackrs.runs import ChiSquareTests, Whiteness
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, frozen
+from trackrs._arrays import FloatArray, array, freeze_columns, frozen
 from trackrs.errors import DimensionError, ParameterError
 from trackrs.gating import Gate
 from trackrs.late import DropLate, Late, items
@@ -27,7 +27,6 @@ from trackrs.partition import (
     TwoLevelPartition,
 )
 from trackrs.tracker import Recorder, by_sensor, tracks
-from trackrs.types import GaussianState, Tracks, freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
-    from trackrs.types import Scan
+    from trackrs.types import GaussianState, Scan, Tracks
 
 Partition: TypeAlias = (
     TreePartition | DistancePartition | KMeansPartition | DbscanPartition | DensityPeakPartition | TwoLevelPartition

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, frozen, frozen_array, per_axis
+from trackrs._arrays import FloatArray, array, freeze_columns, frozen, frozen_array, per_axis
 from trackrs.errors import DimensionError
 from trackrs.sensor import Sensor
-from trackrs.types import freeze_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

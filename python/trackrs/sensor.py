@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, array, frozen, frozen_array, per_axis
+from trackrs._arrays import FloatArray, array, freeze_columns, frozen, frozen_array, per_axis
 from trackrs._value import Value
 from trackrs.errors import DimensionError, ParameterError
-from trackrs.types import Fix, freeze_columns
+from trackrs.types import Fix
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, IntArray, array
-from trackrs.types import freeze_columns
+from trackrs._arrays import FloatArray, IntArray, array, freeze_columns
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

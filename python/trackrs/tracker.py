@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from trackrs import _trackrs
+from trackrs._arrays import freeze_columns
 from trackrs.association import GlobalNearestNeighbour
 from trackrs.gating import Gate
 from trackrs.late import DropLate, items
-from trackrs.types import Event, Ledger, Tracks, freeze_columns
+from trackrs.types import Event, Ledger, Tracks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

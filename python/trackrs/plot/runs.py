@@ -11,8 +11,8 @@ from trackrs._arrays import array
 from trackrs.errors import DimensionError, ParameterError
 from trackrs.gating import Gate
 from trackrs.plot._figure import COLOURS, TRUTH_COLOUR, draw_ellipses, new_figure, semi_axes, tidy
+from trackrs.runs import FilterRun, SmoothedRun, Verdict
 from trackrs.sensor import RangeArray, Sensor
-from trackrs.types import FilterRun, SmoothedRun, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

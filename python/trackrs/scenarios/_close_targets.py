@@ -8,12 +8,12 @@ from typing import Any, Literal
 import numpy as np
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, IntArray, frozen
+from trackrs._arrays import FloatArray, IntArray, freeze_columns, frozen
 from trackrs.errors import ParameterError
 from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number
 from trackrs.sensor import RangeBearing
-from trackrs.types import GaussianState, Scan, freeze_columns
+from trackrs.types import GaussianState, Scan
 
 
 @dataclass(frozen=True, slots=True, eq=False)

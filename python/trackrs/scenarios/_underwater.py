@@ -6,12 +6,11 @@ from dataclasses import asdict, astuple, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from trackrs import _trackrs
-from trackrs._arrays import FloatArray, frozen
+from trackrs._arrays import FloatArray, freeze_columns, frozen
 from trackrs.errors import ParameterError
 from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number
 from trackrs.sensor import RangeArray
-from trackrs.types import freeze_columns
 
 if TYPE_CHECKING:
     import numpy as np
