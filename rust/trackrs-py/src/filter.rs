@@ -1,36 +1,31 @@
 //! Filters over one sequence.
 
-use std::collections::BTreeMap;
-use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use nalgebra::DVector;
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use trackrs::error::require_size;
 use trackrs::filter::nis_noise::NisScaledNoise;
 use trackrs::filter::run::FilterRun;
 use trackrs::filter::runner::Runner;
-use trackrs::filter::screen::{ChiSquareScreen, ScreenMode, Verdict};
-use trackrs::filter::search::Start;
-use trackrs::filter::sequence::{self, History, InitialState, Sequence};
+use trackrs::filter::screen::{ChiSquareScreen, ScreenMode};
+use trackrs::filter::sequence::{self, History, InitialState};
 use trackrs::filter::sigma_points::SigmaPoints;
 use trackrs::filter::square_root::Form;
 use trackrs::model::{Motion as _, Sensor as _};
 
 use crate::array;
 use crate::error::{compute, count, to_python};
+use crate::given::Given;
 use crate::model::{Motion, Sensor};
 use crate::options;
-use crate::scans::{EventRecord, LedgerRecord, counts, recent};
+use crate::run::Run;
 
 /// Work between two looks for Ctrl-C, and rows between two looks at the clock.
 const CHUNK: Duration = Duration::from_millis(50);
 const ROWS: usize = 16;
 /// Rows copied at once.
 const PIECE: usize = 1024;
-/// The same while a start is sought: a position fix costs tens of updates.
-const START_CHUNK: usize = 256;
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Filter {
@@ -54,38 +49,6 @@ pub(crate) struct Update<'py> {
     nis: f64,
     dof: usize,
     log_likelihood: f64,
-}
-
-/// What a run gives.
-#[derive(IntoPyObject)]
-pub(crate) struct Run<'py> {
-    means: Bound<'py, PyArray2<f64>>,
-    covs: Bound<'py, PyArray3<f64>>,
-    predicted_means: Bound<'py, PyArray2<f64>>,
-    predicted_covs: Bound<'py, PyArray3<f64>>,
-    transitions: Bound<'py, PyArray3<f64>>,
-    motion_noises: Bound<'py, PyArray3<f64>>,
-    innovations: Bound<'py, PyArray2<f64>>,
-    innovation_covs: Bound<'py, PyArray3<f64>>,
-    nis: Bound<'py, PyArray1<f64>>,
-    dof: Bound<'py, PyArray1<i64>>,
-    /// 0 missing, 1 used, 2 rejected.
-    verdicts: Bound<'py, PyArray2<i8>>,
-    statistics: Bound<'py, PyArray1<f64>>,
-    p_values: Bound<'py, PyArray1<f64>>,
-    q_hat: Bound<'py, PyArray3<f64>>,
-    r_hat: Bound<'py, PyArray3<f64>>,
-    lead_times: Bound<'py, PyArray1<f64>>,
-    lead_means: Bound<'py, PyArray2<f64>>,
-    lead_covs: Bound<'py, PyArray3<f64>>,
-    restarts: Vec<usize>,
-    events: Vec<EventRecord>,
-    event_counts: BTreeMap<&'static str, u64>,
-    ledger: LedgerRecord,
-    log_likelihood: f64,
-    start: usize,
-    /// Index of the rotation vector in the state.
-    attitude: Option<usize>,
 }
 
 #[pymethods]
@@ -346,7 +309,7 @@ impl Filter {
         let (initial, mut run, begin) = if let Some(initial) = initial {
             (initial, FilterRun::of(&self.filter), 0)
         } else {
-            let start = self.find_start(py, &given, n)?;
+            let start = given.find_start(py, &self.filter, n)?;
             let run = self.filter.begun(&start, history, leads.is_some());
             let run = run.map_err(|error| to_python(py, &error))?;
             (start.initial, run, start.row + 1)
@@ -377,49 +340,7 @@ impl Filter {
             row += data.times.len();
         }
         drop(runner);
-        Self::to_python(py, run)
-    }
-}
-
-/// The arrays given to a run.
-struct Given<'a> {
-    leads: Option<&'a [f64]>,
-    times: &'a [f64],
-    values: &'a [f64],
-    inputs: Option<&'a [f64]>,
-}
-
-/// A copy of some of their rows.
-struct Piece {
-    leads: Option<Vec<f64>>,
-    times: Vec<f64>,
-    values: Vec<f64>,
-    inputs: Option<Vec<f64>>,
-    first_row: usize,
-}
-
-impl Given<'_> {
-    fn piece(&self, rows: Range<usize>, m: usize, n: usize) -> Piece {
-        let part = |array: &[f64], width: usize| array[rows.start * width..rows.end * width].to_vec();
-        Piece {
-            leads: self.leads.map(|leads| part(leads, 1)),
-            times: part(self.times, 1),
-            values: part(self.values, m),
-            inputs: self.inputs.map(|inputs| part(inputs, n)),
-            first_row: rows.start,
-        }
-    }
-}
-
-impl Piece {
-    fn sequence(&self) -> Sequence<'_> {
-        Sequence {
-            times: &self.times,
-            measurements: &self.values,
-            inputs: self.inputs.as_deref(),
-            leads: self.leads.as_deref(),
-            first_row: self.first_row,
-        }
+        Run::new(py, run)
     }
 }
 
@@ -440,74 +361,5 @@ impl Filter {
             to[..width].copy_from_slice(from);
         }
         Ok(complete)
-    }
-
-    fn find_start(&self, py: Python<'_>, given: &Given<'_>, n: usize) -> PyResult<Start> {
-        let m = self.filter.sensor().measurement_dim();
-        let mut starter = compute(py, || self.filter.starter())?;
-        let count = given.times.len();
-        for from in (0..count).step_by(START_CHUNK) {
-            let part = from..(from + START_CHUNK).min(count);
-            let rows = |flat: &[f64], width: usize| -> Vec<_> {
-                part.clone()
-                    .map(|row| DVector::from_column_slice(&flat[row * width..(row + 1) * width]))
-                    .collect()
-            };
-            let (times, values) = (given.times[part.clone()].to_vec(), rows(given.values, m));
-            let inputs = given.inputs.map(|inputs| rows(inputs, n));
-            let found = compute(py, || starter.search(&times, &values, inputs.as_deref()))?;
-            if let Some(start) = found {
-                return Ok(Start {
-                    row: from + start.row,
-                    ..start
-                });
-            }
-            py.check_signals()?;
-        }
-        Err(to_python(py, &starter.failure()))
-    }
-
-    fn to_python(py: Python<'_>, run: FilterRun) -> PyResult<Run<'_>> {
-        let m = run.innovations.shape()[1];
-        Ok(Run {
-            means: array::from_vectors(py, run.filtered.means)?,
-            covs: array::from_matrices(py, run.filtered.covs)?,
-            predicted_means: array::from_vectors(py, run.predicted.means)?,
-            predicted_covs: array::from_matrices(py, run.predicted.covs)?,
-            transitions: array::from_repeats(py, &run.transitions)?,
-            motion_noises: array::from_repeats(py, &run.motion_noises)?,
-            innovations: array::from_vectors(py, run.innovations)?,
-            innovation_covs: array::from_matrices(py, run.innovation_covs)?,
-            nis: PyArray1::from_vec(py, run.nis),
-            dof: PyArray1::from_iter(py, run.dof.iter().map(|&d| i64::try_from(d).unwrap_or(i64::MAX))),
-            verdicts: PyArray1::from_iter(
-                py,
-                run.screened.iter().flat_map(|s| s.verdicts.iter().map(|&v| code(v))),
-            )
-            .reshape([run.screened.len(), m])?,
-            statistics: PyArray1::from_iter(py, run.screened.iter().map(|s| s.statistic)),
-            p_values: PyArray1::from_iter(py, run.screened.iter().map(|s| s.p_value)),
-            q_hat: array::from_matrices(py, run.q_hat)?,
-            r_hat: array::from_matrices(py, run.r_hat)?,
-            lead_times: PyArray1::from_vec(py, run.lead_times),
-            lead_means: array::from_vectors(py, run.leads.means)?,
-            lead_covs: array::from_matrices(py, run.leads.covs)?,
-            restarts: run.restarts,
-            events: recent(&run.books.events),
-            event_counts: counts(&run.books.events),
-            ledger: LedgerRecord::of(&run.books.ledger),
-            log_likelihood: run.log_likelihood,
-            start: run.start,
-            attitude: run.space.attitude,
-        })
-    }
-}
-
-/// A verdict as the facade's `Verdict` numbers it.
-fn code(verdict: Verdict) -> i8 {
-    match verdict {
-        Verdict::Missing => 0,
-        Verdict::Used => 1,
-        Verdict::Rejected => 2,
     }
 }

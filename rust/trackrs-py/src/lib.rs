@@ -12,15 +12,19 @@ mod filter;
 mod fusion;
 mod gating;
 mod geodesy;
+mod given;
 mod metric;
 mod model;
 mod options;
 mod partition;
 mod phd;
+mod phd_update;
 mod pose;
 mod rotation;
+mod run;
 mod scans;
 mod sim;
+mod sim_extended;
 mod smoother;
 mod stats;
 mod study;
@@ -53,17 +57,18 @@ mod _trackrs {
     #[pymodule_export]
     use crate::partition::{OutlierFilter, Partitioner};
     #[pymodule_export]
-    use crate::phd::{IntensityTracker, IntensityUpdate};
+    use crate::phd::IntensityTracker;
+    #[pymodule_export]
+    use crate::phd_update::IntensityUpdate;
     #[pymodule_export]
     use crate::rotation::{
         rotation_angles, rotation_between, rotation_from_angles, rotation_quaternions, rotation_turned,
         rotation_vectors,
     };
     #[pymodule_export]
-    use crate::sim::{
-        CloseTargets, ExtendedTargets, Turning, Underwater, crossing_targets, parallel_targets, reference_course,
-        reference_hydrophones,
-    };
+    use crate::sim::{CloseTargets, Turning, Underwater, reference_course, reference_hydrophones};
+    #[pymodule_export]
+    use crate::sim_extended::{ExtendedTargets, crossing_targets, parallel_targets};
     #[pymodule_export]
     use crate::smoother::smooth;
     #[pymodule_export]

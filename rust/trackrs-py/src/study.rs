@@ -18,7 +18,8 @@ use crate::error::{compute, count, raised, to_python};
 use crate::filter::Filter;
 use crate::phd::IntensityTracker;
 use crate::scans::lock;
-use crate::sim::{CloseTargets, ExtendedTargets, Turning, Underwater};
+use crate::sim::{CloseTargets, Turning, Underwater};
+use crate::sim_extended::ExtendedTargets;
 use crate::tracker::Tracker;
 
 #[pyclass(frozen, module = "trackrs._trackrs")]

@@ -53,8 +53,7 @@ use crate::model::{Motion, MotionModel, Sensor, SensorModel};
 /// So far from singular that rounding does not count.
 const SURE: f64 = 1e-11;
 
-/// A |Q| counts where no pivot is less than this part of its variance, and as so much of what it is, for rounding.
-const NOISE_LEFT: f64 = 1e-9;
+/// As so much of what it is |Q| counts, for rounding.
 const NOISE_COUNTS: f64 = 0.99;
 
 /// Rows of a filter of one size.
@@ -198,12 +197,8 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
             };
             if !self.last.as_ref().is_some_and(|last| same_bits(&last.before, &p)) {
                 let mut covs = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
-                if self.watch
-                    && let Some(found) = &mut covs
-                    && found.nearly_singular(self.determinant, self.way.least(least))
-                {
-                    covs = None;
-                }
+                let least_ahead = self.way.least(least);
+                covs.take_if(|covs| self.watch && covs.nearly_singular(self.determinant, least_ahead));
                 self.last = covs;
             }
             let Some(covs) = &self.last else {
@@ -297,10 +292,7 @@ impl<const N: usize, const M: usize> Covariances<N, M> {
     #[inline(always)]
     fn nearly_singular(&mut self, noise: f64, least_ahead: f64) -> bool {
         let shrunk = noise / self.factor.determinant();
-        let mut variances = 1.0;
-        for i in 0..N {
-            variances *= self.ahead[i][i];
-        }
+        let variances = (0..N).fold(1.0, |product, i| product * self.ahead[i][i]);
         self.least = shrunk * least_ahead;
         if self.least > SURE * variances {
             return false;
@@ -333,7 +325,7 @@ impl<const N: usize> Way<N> {
         motion.transition_into(dt, self.f.as_flattened_mut());
         self.lines.set(&self.f);
         UnitUpper::renew(&mut self.upper, N, self.f.as_flattened());
-        self.spread = NOISE_COUNTS * determinant_unless_little_left(NOISE_LEFT, &self.q).unwrap_or(0.0);
+        self.spread = NOISE_COUNTS * determinant_unless_little_left(SURE, &self.q).unwrap_or(0.0);
         self.dt = dt;
     }
 

@@ -4,8 +4,9 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::health::Monitor;
-use super::lifecycle::{Start, Window};
+use super::lifecycle::Start;
 use super::look::Look;
+use super::window::Window;
 use crate::error::Result;
 use crate::filter::prediction::{Course, Prediction};
 use crate::gaussian::Gaussian;

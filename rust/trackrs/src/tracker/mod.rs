@@ -19,4 +19,5 @@ mod population;
 pub mod rewind;
 mod sequential;
 mod two_point;
+pub mod window;
 mod workspace;

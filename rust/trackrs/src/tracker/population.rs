@@ -1,11 +1,12 @@
 //! Tracks come and go: what of a scan no track took, which tracks are confirmed, end, or begin.
 
 use super::health::Monitor;
-use super::lifecycle::{Existence, Initiator, Window, ended, enough_hits, hopeless, moves, speed, start_state_into};
+use super::lifecycle::{Existence, Initiator, moves, speed, start_state_into};
 use super::live::{LiveTrack, Rooted, Stored, distance};
 use super::look::Look;
 use super::multi_target::MultiTargetTracker;
 use super::two_point::{Waiting, pair_up};
+use super::window::{Window, ended, enough_hits, hopeless};
 use crate::association::associator::Associator;
 use crate::association::npda::{Bookkeeping, Npda};
 use crate::error::Result;
