@@ -4,6 +4,7 @@
 //! plain vectors; the three lowest bits move numbers inside blocks of 8, in a fixed pattern that the compiler unrolls.
 
 use super::frontier::Take;
+use crate::interrupt::ahead;
 
 /// Y[A] = s X[A] + Σ_{k∈A} w_k X[A∖k].
 pub(super) fn put(after: &mut [f64], before: &[f64], skip: f64, takes: &[Take]) {
@@ -20,6 +21,7 @@ pub(super) fn put(after: &mut [f64], before: &[f64], skip: f64, takes: &[Take]) 
             }
             continue;
         }
+        ahead(after.len());
         match take.bit {
             0 => put_low::<1>(after, before, take.weight),
             1 => put_low::<2>(after, before, take.weight),
@@ -61,6 +63,7 @@ pub(super) fn put_back(earlier: &mut [f64], before: &[f64], to_come: &[f64], bit
         }
         return sum;
     }
+    ahead(earlier.len());
     match bit {
         0 => put_back_low::<1>(earlier, before, to_come, weight),
         1 => put_back_low::<2>(earlier, before, to_come, weight),
