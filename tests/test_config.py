@@ -9,6 +9,7 @@ import pytest
 
 import trackrs as tr
 from trackrs import _kinds as kinds
+from trackrs import _loader
 from trackrs import config as module
 from trackrs.config import ConfigError, load_config
 
@@ -314,7 +315,7 @@ def test_every_argument_has_a_kind():
     arguments = [argument for target in targets for argument in kinds._arguments(target)]
     own = kinds.GIVEN_ELSEWHERE | {"gate", *kinds._CHOICES}
     for name in kinds.TRACKERS:
-        arguments += [argument for argument in module.tracker_arguments(name) if argument.name not in own]
+        arguments += [argument for argument in _loader.tracker_arguments(name) if argument.name not in own]
     for argument in arguments:
         for part in kinds._BETWEEN.split(argument.annotation.removesuffix(" | None")):
             known = part in {**kinds._KINDS, **kinds._RECORDS} or kinds._LITERAL.fullmatch(part)

@@ -35,27 +35,20 @@ if TYPE_CHECKING:
         UnknownSensorError,
         UnobservableError,
     )
-    from trackrs.filter import (
-        CubatureKalmanFilter,
-        ExtendedKalmanFilter,
-        KalmanFilter,
-        UnscentedKalmanFilter,
-        start_state,
-    )
+    from trackrs.evaluation import Evaluation, TargetScore, Truth, evaluate
+    from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
     from trackrs.fusion import covariance_intersection
     from trackrs.gating import Gate, GatedPairs, squared_distances
+    from trackrs.intensity import AdaptiveBirth, Birth, DetectionRate, Extent, Mixture, Spawn
     from trackrs.late import DropLate, Reorder, Replay
     from trackrs.lead import JerkChoice, LeadCurve, PsdFit, choose_jerk_psd, fit_psd, lead_curve
+    from trackrs.lof import LocalOutlierFactor, OutlierFactors
     from trackrs.metric import (
         GOSPA,
         OSPA,
-        Evaluation,
         GospaDistance,
         OspaDistance,
         Pair,
-        TargetScore,
-        Truth,
-        evaluate,
         gospa,
         nees,
         nis,
@@ -65,37 +58,25 @@ if TYPE_CHECKING:
     )
     from trackrs.motion import ConstantAcceleration, ConstantVelocity, CustomMotion, LinearMotion, RandomWalk, Singer
     from trackrs.partition import (
-        ClusterTree,
         DbscanPartition,
         DecisionGraph,
         DensityPeakPartition,
         DistancePartition,
         KMeansPartition,
-        LocalOutlierFactor,
-        OutlierFactors,
         Partitions,
-        TreePartition,
         TwoLevelPartition,
         TwoLevels,
     )
-    from trackrs.phd import (
-        CPHD,
-        GMPHD,
-        AdaptiveBirth,
-        Birth,
-        DetectionRate,
-        ExtendedGMPHD,
-        Extent,
-        IntensityTracker,
-        Mixture,
-        Spawn,
-    )
+    from trackrs.phd import CPHD, GMPHD, ExtendedGMPHD, IntensityTracker
     from trackrs.pose import CameraSensor, PoseFix, PoseSensor
+    from trackrs.range_array import RangeArray
     from trackrs.runs import ChiSquareTests, FilterRun, SmoothedRun, Verdict, Whiteness
-    from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeArray, RangeBearing
+    from trackrs.sensor import CustomSensor, LinearSensor, PositionSensor, RangeBearing
+    from trackrs.start import start_state
     from trackrs.study import Study
     from trackrs.timing import RegularTimes, regularise
     from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
+    from trackrs.tree import ClusterTree, TreePartition
     from trackrs.types import Event, Fix, GaussianState, Health, Ledger, Scan, Track, Tracks, Update
 
 __all__ = [
@@ -234,21 +215,27 @@ _HOMES = (
     "association",
     "batch",
     "errors",
+    "evaluation",
     "filter",
     "fusion",
     "gating",
+    "intensity",
     "late",
     "lead",
+    "lof",
     "metric",
     "motion",
     "partition",
     "phd",
     "pose",
+    "range_array",
     "runs",
     "sensor",
+    "start",
     "study",
     "timing",
     "tracker",
+    "tree",
     "types",
 )
 

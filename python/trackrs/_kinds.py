@@ -16,21 +16,23 @@ from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise, NisScaledNoise
 from trackrs.association import JIPDA, JPDA, NPDA, PDA, GlobalNearestNeighbour, NearestNeighbour
 from trackrs.errors import DimensionError
 from trackrs.filter import CubatureKalmanFilter, ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
+from trackrs.intensity import AdaptiveBirth, Birth, DetectionRate, Extent
 from trackrs.late import DropLate, Reorder, Replay
+from trackrs.lof import LocalOutlierFactor
 from trackrs.motion import ConstantAcceleration, ConstantVelocity, LinearMotion, RandomWalk, Singer
 from trackrs.partition import (
     DbscanPartition,
     DensityPeakPartition,
     DistancePartition,
     KMeansPartition,
-    LocalOutlierFactor,
-    TreePartition,
     TwoLevelPartition,
 )
-from trackrs.phd import CPHD, GMPHD, AdaptiveBirth, Birth, DetectionRate, ExtendedGMPHD, Extent
+from trackrs.phd import CPHD, GMPHD, ExtendedGMPHD
 from trackrs.pose import CameraSensor, PoseSensor
-from trackrs.sensor import LinearSensor, PositionSensor, RangeArray, RangeBearing
+from trackrs.range_array import RangeArray
+from trackrs.sensor import LinearSensor, PositionSensor, RangeBearing
 from trackrs.tracker import ClutterMap, Deletion, Existence, MofN, MultiTargetTracker
+from trackrs.tree import TreePartition
 from trackrs.types import GaussianState
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Functions of points: which of them are clutter, and how a set of points falls into cells.
+"""Functions of points: how they fall into cells. What is clutter says `trackrs.lof`, and `trackrs.tree` has the trees.
 
 Every partitioner works on points (n, d) and has `partitions(points)`: one or more divisions of all points into disjoint
 cells. Those that give one also have `fit_predict(points)`, with labels as scikit-learn gives them (-1 = clutter).
@@ -23,12 +23,11 @@ import numpy as np
 
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, IntArray, array, frozen
-from trackrs.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike
+
+    from trackrs.lof import LocalOutlierFactor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,21 +48,6 @@ class Partitions:
         labels = self.labels[index]
         order = np.argsort(labels, kind="stable")
         return [frozen(cell) for cell in np.split(order, np.cumsum(np.bincount(labels))[:-1])] if len(labels) else []
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OutlierFactors:
-    """Every step of the local outlier factor.
-
-    Attributes:
-        k_distance: distance of every point to its k-th nearest other one (n,).
-        reachability_density: local reachability density (n,); inf where more than k points coincide.
-        factors: local outlier factor (n,).
-    """
-
-    k_distance: FloatArray
-    reachability_density: FloatArray
-    factors: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,72 +94,12 @@ class TwoLevels:
     labels: IntArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClusterTree:
-    """A binary tree over points, or a forest.
-
-    Attributes:
-        children: the two nodes that each merge joins (m, 2); merge i is node n + i, points are nodes 0 to n - 1.
-        heights: height of every merge (m,), ascending; unit of the points.
-        roots: the nodes that are no child, ascending.
-    """
-
-    children: IntArray
-    heights: FloatArray
-    roots: IntArray
-
-
 def _frozen(record: dict[str, Any]) -> dict[str, Any]:
     return {key: frozen(value) if isinstance(value, np.ndarray) else value for key, value in record.items()}
 
 
 def _points(points: ArrayLike, noise: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
     return array(points, "points", 2), None if noise is None else array(noise, "noise", 2)
-
-
-@dataclass(frozen=True, slots=True)
-class LocalOutlierFactor:
-    """How much sparser it is at a point than at its neighbours.
-
-    Args:
-        n_neighbors: k, at most n - 1 counts. It must be smaller than the smallest target has measurements, or whole
-            targets are taken for clutter.
-        threshold: points with a larger factor are clutter.
-        include_ties: all points at the k-th distance are neighbours, not only k of them.
-
-    Raises:
-        ParameterError: `n_neighbors` is below 1 or `threshold` is not positive.
-
-    More than k coincident points have factor 1, and isolated neighbours of theirs an infinite one.
-
-    Reference:
-        Breunig, Kriegel, Ng, Sander (2000), LOF: identifying density-based local outliers; spec 6.4.
-
-    Example:
-        >>> import trackrs as tr
-        >>> tr.LocalOutlierFactor(2).fit_predict([[0, 0], [0, 1], [1, 0], [1, 1], [9, 9]])
-        array([ 1,  1,  1,  1, -1])
-    """
-
-    n_neighbors: int = 4
-    threshold: float = 2.0
-    include_ties: bool = True
-
-    @property
-    def _core(self) -> _trackrs.OutlierFilter:
-        return _trackrs.OutlierFilter(self.n_neighbors, self.threshold, self.include_ties)
-
-    def explain(self, points: ArrayLike, *, noise: ArrayLike | None = None) -> OutlierFactors:
-        """Return every step for points (n, d)."""
-        return OutlierFactors(**_frozen(self._core.explain(*_points(points, noise))))
-
-    def scores(self, points: ArrayLike, *, noise: ArrayLike | None = None) -> FloatArray:
-        """Return the factor of every point (n,); about 1 inside a cluster."""
-        return self.explain(points, noise=noise).factors
-
-    def fit_predict(self, points: ArrayLike, *, noise: ArrayLike | None = None) -> IntArray:
-        """Return 1 for every point, -1 for clutter (n,)."""
-        return frozen(np.where(self.scores(points, noise=noise) > self.threshold, -1, 1))
 
 
 class _Partitioner:
@@ -429,46 +353,3 @@ class TwoLevelPartition(_Single):
         """Return every step for points (n, d)."""
         found = _frozen(self._core.explain(*_points(points, noise)))
         return TwoLevels(**{**found, "graph": DecisionGraph(**_frozen(found["graph"]))})
-
-
-@dataclass(frozen=True, slots=True)
-class TreePartition(_Partitioner):
-    """Cuts of binary trees over the points.
-
-    `partitions` gives the cut at every distinct height of every tree; any other cut can be made of `trees`.
-
-    Args:
-        linkages: of "single" and "ward".
-        max_extent: largest diagonal of the bounding box of a cell, unit of the points; None: 15 effective standard
-            deviations of `noise`, no bound without it.
-
-    Raises:
-        ParameterError: a linkage is unknown or none is given, `max_extent` is not positive.
-
-    Reference:
-        Gower, Ross (1969), Minimum spanning trees and single linkage cluster analysis; Ward (1963), Hierarchical
-        grouping to optimize an objective function; spec 8.2.
-
-    Example:
-        >>> import trackrs as tr
-        >>> tr.TreePartition(["ward"]).trees([[0.0], [1.0], [5.0]])[0].heights
-        array([1.        , 5.19615242])
-        >>> tr.TreePartition(["ward"]).partitions([[0.0], [1.0], [5.0]]).labels
-        array([[0, 1, 2],
-               [0, 0, 1],
-               [0, 0, 0]])
-    """
-
-    linkages: Sequence[str] = ("single", "ward")
-    max_extent: float | None = None
-
-    @property
-    def _core(self) -> _trackrs.Partitioner:
-        if isinstance(self.linkages, str):
-            msg = f'linkages = "{self.linkages}" is invalid: must be a list of names'
-            raise ParameterError(msg)
-        return _trackrs.Partitioner.tree(list(self.linkages), self.max_extent)
-
-    def trees(self, points: ArrayLike, *, noise: ArrayLike | None = None) -> list[ClusterTree]:
-        """Return the tree over points (n, d) of every linkage."""
-        return [ClusterTree(**_frozen(tree)) for tree in self._core.trees(*_points(points, noise))]

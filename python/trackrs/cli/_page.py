@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from trackrs.config import Config
+    from trackrs.evaluation import Evaluation, Truth
     from trackrs.io import Recording, ScanTable
-    from trackrs.metric import Evaluation, Truth
     from trackrs.tracker import Recorder
     from trackrs.types import Tracks
 

@@ -12,12 +12,12 @@ from trackrs.cli._output import note, plural, print_json
 from trackrs.cli._page import check_report, evaluate_sections
 from trackrs.config import load_config
 from trackrs.errors import ParameterError
+from trackrs.evaluation import evaluate as score_tracks
 from trackrs.io import read_scan_table, read_tracks, read_truth
-from trackrs.metric import evaluate as score_tracks
 
 if TYPE_CHECKING:
     from trackrs.config import ScoreConfig
-    from trackrs.metric import Evaluation
+    from trackrs.evaluation import Evaluation
 
 FILE = click.Path(path_type=Path)
 

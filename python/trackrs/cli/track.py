@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from trackrs.config import Config
+    from trackrs.evaluation import Truth
     from trackrs.io import Recording
-    from trackrs.metric import Truth
     from trackrs.tracker import Recorder
     from trackrs.types import Scan
 

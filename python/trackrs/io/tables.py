@@ -16,8 +16,8 @@ import numpy as np
 
 from trackrs._arrays import FloatArray, IntArray, frozen
 from trackrs.config import InputConfig, TruthConfig
+from trackrs.evaluation import Truth
 from trackrs.io._files import Table, TableError, replacing, table_suffix, write_table
-from trackrs.metric import Truth
 from trackrs.types import Health, Scan, Tracks
 
 if TYPE_CHECKING:

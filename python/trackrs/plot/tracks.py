@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from trackrs._arrays import FloatArray, IntArray
-    from trackrs.metric import Truth
+    from trackrs.evaluation import Truth
     from trackrs.sensor import Sensor
     from trackrs.types import Scan, Tracks
 

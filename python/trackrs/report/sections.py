@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from trackrs.metric import Truth
+    from trackrs.evaluation import Truth
     from trackrs.motion import Motion
     from trackrs.sensor import Sensor
     from trackrs.types import Scan, Tracks

@@ -7,22 +7,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trackrs.intensity import Birth
+from trackrs.lof import LocalOutlierFactor
 from trackrs.metric import OSPA
 from trackrs.partition import (
     DbscanPartition,
     DistancePartition,
     KMeansPartition,
-    LocalOutlierFactor,
-    TreePartition,
     TwoLevelPartition,
 )
-from trackrs.phd import Birth, ExtendedGMPHD
+from trackrs.phd import ExtendedGMPHD
 from trackrs.plot._figure import COLOURS
 from trackrs.report import Scene
 from trackrs.reproduce._drawing import draw_over_time, save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction
 from trackrs.scenarios import Ellipse, ExtendedTargets, LShape, Rectangle, crossing, parallel
 from trackrs.study import Cardinality, Study, StudyResult
+from trackrs.tree import TreePartition
 
 if TYPE_CHECKING:
     from pathlib import Path

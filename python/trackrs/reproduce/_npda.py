@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trackrs.association import JPDA, NPDA, PDA, GlobalNearestNeighbour, NearestNeighbour
+from trackrs.evaluation import Truth
 from trackrs.gating import Gate
-from trackrs.metric import Truth
 from trackrs.motion import ConstantVelocity
 from trackrs.plot._figure import COLOURS
 from trackrs.report import Scene

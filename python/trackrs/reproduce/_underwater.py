@@ -11,10 +11,10 @@ from trackrs.adaptive import ChiSquareScreen, LimitedMemoryNoise
 from trackrs.filter import ExtendedKalmanFilter
 from trackrs.motion import ConstantAcceleration
 from trackrs.plot._figure import COLOURS
+from trackrs.range_array import RangeArray
 from trackrs.reproduce._drawing import draw_over_time, save, sheet, tidy
 from trackrs.reproduce._records import Claim, Number, Picture, Reproduction, number
 from trackrs.scenarios import Underwater, underwater
-from trackrs.sensor import RangeArray
 from trackrs.study import PositionError, Study, StudyResult
 from trackrs.study._statistics import summarise
 

@@ -11,7 +11,7 @@ import numpy as np
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, IntArray, array, frozen, per_axis
 from trackrs.errors import DimensionError, ParameterError
-from trackrs.metric import Truth
+from trackrs.evaluation import Truth
 from trackrs.motion import ConstantVelocity
 from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from trackrs import _trackrs
 from trackrs._arrays import FloatArray, freeze_columns, frozen
 from trackrs.errors import ParameterError
+from trackrs.range_array import RangeArray
 from trackrs.scenarios._recipe import Recalled, remembered
 from trackrs.scenarios._stream import stream_number
-from trackrs.sensor import RangeArray
 
 if TYPE_CHECKING:
     import numpy as np

@@ -30,10 +30,10 @@ from trackrs._kinds import (
     _shown,
     snake_case,
 )
-from trackrs.config import _Loader, tracker_arguments
+from trackrs._loader import _Loader, tracker_arguments
 from trackrs.errors import TrackrsError
+from trackrs.intensity import Birth
 from trackrs.metric import GOSPA, OSPA
-from trackrs.phd import Birth
 from trackrs.scenarios import (
     Blob,
     CloseTargets,
