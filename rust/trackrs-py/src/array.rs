@@ -52,12 +52,26 @@ pub(crate) fn copied(array: &Bound<'_, PyArray2<f64>>, name: &str) -> PyResult<D
 
 /// The rows of a matrix as vectors.
 pub(crate) fn rows(array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Vec<DVector<f64>>> {
+    let mut out = Vec::new();
+    read_rows(array, name, &mut out)?;
+    Ok(out)
+}
+
+/// The same in the memory of others.
+pub(crate) fn read_rows(array: &PyReadonlyArray2<'_, f64>, name: &str, out: &mut Vec<DVector<f64>>) -> PyResult<()> {
     let slice = c_slice(array, name)?;
-    let width = array.shape()[1];
-    if width == 0 {
-        return Ok(vec![DVector::zeros(0); array.shape()[0]]);
+    let (count, width) = (array.shape()[0], array.shape()[1]);
+    let values = |row: usize| &slice[row * width..(row + 1) * width];
+    out.truncate(count);
+    for (k, row) in out.iter_mut().enumerate() {
+        if row.len() == width {
+            row.as_mut_slice().copy_from_slice(values(k));
+        } else {
+            *row = DVector::from_column_slice(values(k));
+        }
     }
-    Ok(slice.chunks_exact(width).map(DVector::from_row_slice).collect())
+    out.extend((out.len()..count).map(|k| DVector::from_column_slice(values(k))));
+    Ok(())
 }
 
 /// The matrices of an array (k, m, n).

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
-use nalgebra::{DMatrix, DVector};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use nalgebra::DMatrix;
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use trackrs::event::{Event, EventLog, Ledger};
@@ -150,25 +150,25 @@ pub(crate) fn each(
     Ok(())
 }
 
-pub(crate) fn to_scan(scan: &ScanArrays<'_>) -> PyResult<Scan> {
-    let platform = scan
-        .platform
-        .as_ref()
-        .map(|p| array::vector(p, "platform"))
-        .transpose()?;
-    let times = scan.times.as_ref().map(|t| array::vector(t, "times")).transpose()?;
-    let empty = scan.values.shape()[0] == 0;
-    Ok(Scan {
-        time: scan.time,
-        sensor: scan.sensor.clone(),
-        values: if empty {
-            Vec::new()
-        } else {
-            array::rows(&scan.values, "values")?
-        },
-        platform: platform.map(|p: DVector<f64>| p.as_slice().to_vec()),
-        times: times.map(|t: DVector<f64>| t.as_slice().to_vec()),
-    })
+/// A scan of the facade as one of the core.
+pub(crate) fn to_scan(given: &ScanArrays<'_>) -> PyResult<Scan> {
+    let mut scan = Scan::default();
+    read_scan(given, &mut scan)?;
+    Ok(scan)
+}
+
+/// The same in the memory of another.
+pub(crate) fn read_scan(given: &ScanArrays<'_>, scan: &mut Scan) -> PyResult<()> {
+    let numbers = |array: &Option<PyReadonlyArray1<'_, f64>>, name: &str| {
+        let slice = array.as_ref().map(|array| array::c_slice(array, name)).transpose()?;
+        Ok::<_, PyErr>(slice.map(<[f64]>::to_vec))
+    };
+    scan.time = given.time;
+    scan.sensor.clone_from(&given.sensor);
+    array::read_rows(&given.values, "values", &mut scan.values)?;
+    scan.platform = numbers(&given.platform, "platform")?;
+    scan.times = numbers(&given.times, "times")?;
+    Ok(())
 }
 
 /// The extents of some targets, where extents of so many dimensions are learnt.
@@ -231,6 +231,7 @@ impl Rows {
     pub(crate) fn push<'a>(&mut self, scan: &Scan, tracks: impl Iterator<Item = TrackRef<'a>> + Clone) {
         let (count, n) = (tracks.clone().count(), self.n);
         self.times.reserve(count);
+        self.healths.iter_mut().for_each(|healths| healths.reserve(count));
         self.ids.reserve(count);
         self.means.reserve(count * n);
         self.covs.reserve(count * n * n);

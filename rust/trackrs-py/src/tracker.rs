@@ -1,11 +1,12 @@
 //! The multi-target tracker.
 
 use std::collections::BTreeMap;
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use trackrs::Scan;
 use trackrs::filter::sequence::InitialState;
 use trackrs::gating::mahalanobis::Gate;
 use trackrs::model::Motion as _;
@@ -20,11 +21,24 @@ use crate::array;
 use crate::associator::{AssociatorItems, associator};
 use crate::error::{compute, count, to_python};
 use crate::model::{Motion, Sensor};
-use crate::scans::{Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, late, lock, recent, to_scan};
+use crate::scans::{
+    Columns, EventRecord, LedgerRecord, Rows, ScanArrays, counts, each, late, lock, read_scan, recent, to_scan,
+};
 
 #[pyclass(frozen, module = "trackrs._trackrs")]
 pub(crate) struct Tracker {
     pub(crate) inner: Mutex<InOrder<MultiTargetTracker>>,
+    /// Memory for the scan of a step; used by who has the tracker.
+    scan: Mutex<Scan>,
+}
+
+impl Tracker {
+    fn new_from(tracker: InOrder<MultiTargetTracker>) -> Self {
+        Self {
+            inner: Mutex::new(tracker),
+            scan: Mutex::default(),
+        }
+    }
 }
 
 /// An initiator of the facade, one kind or the other.
@@ -181,23 +195,17 @@ impl Tracker {
             config.initial = initial;
             InOrder::new(MultiTargetTracker::new(config)?, late(&settings.late)?)
         })?;
-        Ok(Self {
-            inner: Mutex::new(tracker),
-        })
+        Ok(Self::new_from(tracker))
     }
 
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
-        Ok(Self {
-            inner: Mutex::new(compute(py, || InOrder::from_bytes(data))?),
-        })
+        Ok(Self::new_from(compute(py, || InOrder::from_bytes(data))?))
     }
 
     /// Another one that stands where this one does.
     fn copy(&self, py: Python<'_>) -> PyResult<Self> {
-        Ok(Self {
-            inner: Mutex::new(lock(py, &self.inner)?.clone()),
-        })
+        Ok(Self::new_from(lock(py, &self.inner)?.clone()))
     }
 
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
@@ -209,12 +217,13 @@ impl Tracker {
     }
 
     fn step<'py>(&self, py: Python<'py>, scan: ScanArrays<'py>) -> PyResult<Columns<'py>> {
-        let scan = to_scan(&scan)?;
         let mut guard = lock(py, &self.inner)?;
-        let inner = &mut *guard;
+        let mut memory = self.scan.lock().unwrap_or_else(PoisonError::into_inner);
+        read_scan(&scan, &mut memory)?;
+        let (inner, scan) = (&mut *guard, &*memory);
         let mut rows = rows(inner.tracker().config());
         compute(py, || {
-            inner.step(&scan, |tracker, scan| rows.push(scan, tracker.track_refs()))
+            inner.step(scan, |tracker, scan| rows.push(scan, tracker.track_refs()))
         })?;
         rows.into_columns(py)
     }

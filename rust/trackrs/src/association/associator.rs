@@ -88,7 +88,12 @@ impl Associator {
 
 /// An assignment as probabilities.
 fn certain(tracks: &[GatedTrack], chosen: &[Option<usize>]) -> Association {
-    let mut out = Association::default();
+    let pairs = tracks.iter().map(|track| track.pairs.len()).sum();
+    let mut out = Association {
+        missed: Vec::with_capacity(tracks.len()),
+        pairs: Vec::with_capacity(pairs),
+        approximation: None,
+    };
     let sure = |yes: bool| if yes { 1.0 } else { 0.0 };
     for (track, &chosen) in tracks.iter().zip(chosen) {
         let pairs = (0..track.pairs.len()).map(|slot| sure(chosen == Some(slot)));
