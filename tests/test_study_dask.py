@@ -30,9 +30,14 @@ def whole(close):
 
 @pytest.fixture
 def short(monkeypatch):
-    """Chunks short enough that there are several."""
+    """Chunks of 20 runs, however fast this machine is."""
+
+    def learn(cutter, _seconds, _runs):
+        cutter._per_run = 0.005
+
     monkeypatch.setattr(_engines, "REMOTE_SECONDS", 0.1)
     monkeypatch.setattr(_engines, "TRIAL_SECONDS", 0.02)
+    monkeypatch.setattr(_engines.Cutter, "learn", learn)
 
 
 def test_a_worker_is_killed_midway_on_an_existing_cluster(close, whole, short, tmp_path):  # noqa: ARG001
