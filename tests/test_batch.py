@@ -41,6 +41,25 @@ def test_a_batch_is_its_runs():
     assert not out.means.flags.writeable
 
 
+@pytest.mark.parametrize("components", [1, 2, 3])
+def test_a_linear_sensor_is_in_lanes(components):
+    """Dense, with an offset and correlations; of some reports parts are missing."""
+    rng = np.random.default_rng(components)
+    root = np.eye(components) + 0.5 * rng.normal(size=(components, components))
+    h, offset = rng.normal(size=(components, 4)), rng.normal(size=components)
+    kf = tr.KalmanFilter(MOTION, tr.LinearSensor(h, root @ root.T, offset=offset))
+    values = 5.0 * rng.normal(size=(11, len(TIMES), components))
+    values[rng.uniform(size=values.shape) < 0.2] = np.nan
+    batch = tr.TrackBatch(kf, np.tile(START.mean, (11, 1)), START.cov, START.time)
+    assert batch.in_lanes
+    out = batch.run(TIMES, values, covs=True, nis=True)
+    for track, rows in enumerate(values):
+        run = kf.run(TIMES, rows, initial=START)
+        assert np.allclose(out.means[track], run.means, rtol=1e-11, atol=1e-11)
+        assert np.allclose(out.covs[track], run.covs, rtol=1e-11, atol=1e-11)
+        assert np.allclose(out.nis[track], run.nis, rtol=1e-9, equal_nan=True)
+
+
 def test_only_what_is_asked_for():
     out = KF.run_batch(TIMES, measurements(), initial=START)
     assert out.covs is None

@@ -19,7 +19,7 @@ PACKAGE = ROOT / "python" / "trackrs"
 # The core, lowest first. A module may use itself and the lines above its own; neighbours on one line are strangers.
 LAYERS = [
     {"error"},
-    {"event", "state", "interrupt"},
+    {"event", "state", "interrupt", "threads"},
     {"linalg"},
     {"lanes"},
     {"stats", "geodesy"},

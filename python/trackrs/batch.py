@@ -48,10 +48,11 @@ class BatchRun:
 class TrackBatch:
     """Tracks that are filtered side by side and stay where they are computed; all are measured at the same times.
 
-    Kalman filters (and extended ones) of `RandomWalk`, `ConstantVelocity` and `ConstantAcceleration` with a
-    `PositionSensor`, up to three axes, without screen and noise estimation, run several tracks to a register of the
-    processor, with the structure of the motion in place of products with its matrix: the results agree with `run` to
-    rounding. All other filters are run one track after the other. Either way the bits do not depend on the processor's
+    Kalman filters (and extended ones) of `RandomWalk`, `ConstantVelocity` and `ConstantAcceleration`, up to three axes,
+    with a `PositionSensor` or a `LinearSensor` of up to three components, without screen and noise estimation, run
+    several tracks to a register of the processor, with the structure of the motion in place of products with its
+    matrix: the results agree with `run` to rounding. All other filters, and linear sensors whose components are nearly
+    one and the same, are run one track after the other. Either way the bits do not depend on the processor's
     instructions (the variable TRACKRS_SIMD of the environment chooses among `scalar`, `v3` and `v4`), on the number of
     threads, or on the other tracks.
 

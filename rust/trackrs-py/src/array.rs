@@ -139,16 +139,13 @@ pub(crate) fn from_vectors(py: Python<'_>, stack: Stack) -> PyResult<Bound<'_, P
 }
 
 /// Square matrices of a run out, as an array (k, n, n); one of them where all are the same.
-pub(crate) fn from_repeats<'py>(py: Python<'py>, repeats: &Repeats) -> PyResult<Bound<'py, PyArray3<f64>>> {
+pub(crate) fn from_repeats(py: Python<'_>, repeats: Repeats) -> PyResult<Bound<'_, PyArray3<f64>>> {
     let distinct = repeats.distinct();
-    let [rows, columns] = distinct.shape();
-    let mut out = Stack::new(rows, columns);
-    if distinct.len() == 1 {
-        out.push(distinct.at(0));
+    let out = if distinct.len() == 1 {
+        distinct.clone()
     } else {
-        out.reserve(repeats.len());
-        repeats.iter().for_each(|matrix| out.push(matrix));
-    }
+        repeats.into_stack()
+    };
     from_matrices(py, out)
 }
 

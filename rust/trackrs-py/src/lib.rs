@@ -13,6 +13,7 @@ mod fusion;
 mod gating;
 mod geodesy;
 mod given;
+mod memory;
 mod metric;
 mod model;
 mod options;
@@ -29,6 +30,9 @@ mod smoother;
 mod stats;
 mod study;
 mod tracker;
+
+#[global_allocator]
+static MEMORY: memory::LargePages = memory::LargePages;
 
 #[pyo3::pymodule]
 mod _trackrs {

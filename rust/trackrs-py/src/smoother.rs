@@ -6,7 +6,7 @@ use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArr
 use pyo3::prelude::*;
 use trackrs::error::require_size;
 use trackrs::filter::run::FilterRun;
-use trackrs::filter::smoother::{Backward, Epoch, FixedLagSmoother, SmoothedRun};
+use trackrs::filter::smoother::{Backward, FixedLagSmoother, SmoothedRun};
 
 use crate::array;
 use crate::error::{compute, to_python};
@@ -60,12 +60,7 @@ pub(crate) fn smooth<'py>(
     }
     let out = match lag {
         None => fixed_interval(py, &given, count)?,
-        Some(lag) => {
-            let mut run = FilterRun::new(n, 0);
-            given.copy(0..count, &mut run);
-            let epochs = compute(py, || run.epochs())?;
-            fixed_lag(py, &epochs, lag, n)?
-        }
+        Some(lag) => fixed_lag(py, &given, count, lag)?,
     };
     Ok(Smoothed {
         means: array::from_vectors(py, out.states.means)?,
@@ -152,13 +147,18 @@ fn fixed_interval(py: Python<'_>, given: &Given<'_>, count: usize) -> PyResult<S
 }
 
 /// `smoother::fixed_lag`, looking for Ctrl-C.
-fn fixed_lag(py: Python<'_>, epochs: &[Epoch<'_>], lag: usize, n: usize) -> PyResult<SmoothedRun> {
-    let mut run = SmoothedRun::new(n);
+fn fixed_lag(py: Python<'_>, given: &Given<'_>, count: usize, lag: usize) -> PyResult<SmoothedRun> {
+    let mut run = SmoothedRun::new(given.n);
+    run.reserve(count);
     let mut smoother = compute(py, || FixedLagSmoother::new(lag))?;
-    for piece in epochs.chunks((CHUNK / lag).max(1)) {
+    let mut piece = FilterRun::new(given.n, 0);
+    let size = (CHUNK / lag).max(1);
+    for from in (0..count).step_by(size) {
+        given.copy(from..count.min(from + size), &mut piece);
         compute(py, || {
-            for epoch in piece {
-                if let Some(lagged) = smoother.push(epoch)? {
+            for mut epoch in piece.epochs()? {
+                epoch.step += from;
+                if let Some(lagged) = smoother.push(&epoch)? {
                     run.push(&lagged);
                 }
             }

@@ -20,6 +20,7 @@ pub mod scan;
 pub mod sim;
 pub mod state;
 pub mod stats;
+mod threads;
 pub mod track;
 pub mod tracker;
 

@@ -7,6 +7,8 @@ mod attitude;
 mod attitude_starts;
 mod attitude_steps;
 mod batch;
+mod batch_lanes;
+mod batches;
 mod bodies;
 mod camera;
 mod chi_square;

@@ -1,9 +1,9 @@
 //! Many tracks, each with its own filter, all of one motion and one sensor and measured at the same times.
 //!
-//! Kalman filters of a random walk, constant velocity or constant acceleration with a position sensor, up to three axes, go
-//! through [`crate::lanes`]: several tracks to a register. All others are run one track after the other by
-//! [`super::sequence`]. Either way tracks are independent, so that threads take some each and the bits are the same on any
-//! number of them.
+//! Kalman filters of a random walk, constant velocity or constant acceleration, up to three axes, with a position sensor or a
+//! linear one of up to three components go through [`crate::lanes`]: several tracks to a register. All others are run one track
+//! after the other by [`super::sequence`]. Either way tracks are independent, so that threads take some each and the bits are
+//! the same on any number of them.
 //!
 //! The lanes take the structure of the motion instead of products with F, so that their results agree with those of
 //! [`Filter::run`] to rounding only. A track whose covariance comes close to being singular leaves them: from the first step of
@@ -11,32 +11,27 @@
 
 mod each;
 mod kinematic;
+mod pieces;
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-use self::each::{Each, Own};
-use self::kinematic::{steps, structure};
+use self::each::Own;
+use self::kinematic::structure;
+use self::pieces::{InLanes, States, largest};
 use super::sequence::Filter;
 use super::square_root::Form;
 use crate::error::{Error, Result, all_finite, require_finite, require_size};
 use crate::lanes::Level;
-use crate::lanes::block::{LANES, largest};
-use crate::lanes::tracks::{Lanes, lanes};
+use crate::lanes::tracks::lanes;
 use crate::lanes::work::Outputs;
 use crate::linalg::cholesky::Cholesky;
-use crate::model::{Motion, Sensor};
+use crate::model::{Motion, Sensor, SensorModel};
 
-/// Fewer steps of tracks than this are not worth a thread of their own.
-const PER_THREAD: usize = 20_000;
 /// Measurements, states and noise beyond this or below its inverse, and steps longer than this, are suspected of overflow.
 const HUGE: f64 = 1e30;
 const LONG: f64 = 1e10;
-/// Steps of tracks between two looks whether to go on: some hundredths of a second in lanes, and track by track.
-const PIECE: usize = 500_000;
-const PIECE_EACH: usize = 5_000;
 
 /// Many tracks at one time.
 #[derive(Debug)]
@@ -50,22 +45,6 @@ pub struct TrackBatch {
     failures: Vec<u64>,
     /// Whether numbers have come in with which an estimate could overflow: only then is it looked at for that.
     huge: bool,
-}
-
-#[derive(Debug)]
-enum States {
-    /// And those that have left them.
-    Lanes(Box<dyn Lanes>, BTreeMap<usize, Own>),
-    Each(Vec<Own>),
-}
-
-impl States {
-    fn copied(&self) -> Self {
-        match self {
-            Self::Lanes(lanes, left) => Self::Lanes(lanes.copied(), left.clone()),
-            Self::Each(tracks) => Self::Each(tracks.clone()),
-        }
-    }
 }
 
 /// What is wanted of a run; all of it tracks first, then steps.
@@ -141,19 +120,29 @@ impl TrackBatch {
             Cholesky::new(&cov, &name)?;
         }
         let level = Level::chosen()?;
-        let noise = [filter.sensor().noise(), filter.motion().noise(1.0)];
+        let mut noise = vec![filter.sensor().noise(), filter.motion().noise(1.0)];
+        if let SensorModel::Linear(sensor) = filter.sensor() {
+            noise.push(sensor.matrix().clone());
+            noise.push(DMatrix::from_column_slice(
+                sensor.offset().len(),
+                1,
+                sensor.offset().as_slice(),
+            ));
+        }
         let ordinary = |value: &f64| value.abs() <= HUGE && (*value == 0.0 || value.abs() >= 1.0 / HUGE);
         let all = means
             .iter()
             .chain(covs)
             .chain(noise.iter().flat_map(|noise| noise.iter()));
         let huge = !all.copied().all(|value| ordinary(&value));
-        let states = match structure(&filter).and_then(|(dims, order)| lanes(dims, order, tracks)) {
-            Some(mut lanes) => {
+        let in_lanes =
+            structure(&filter).and_then(|known| Some((lanes(known.dims, known.order, tracks)?, known.sensor)));
+        let states = match in_lanes {
+            Some((mut lanes, sensor)) => {
                 for track in 0..tracks {
                     lanes.set(track, &means[track * n..(track + 1) * n], cov_of(track));
                 }
-                States::Lanes(lanes, BTreeMap::new())
+                States::Lanes(InLanes::new(lanes, sensor))
             }
             None => States::Each(
                 (0..tracks)
@@ -218,7 +207,7 @@ impl TrackBatch {
     pub fn escalated(&self) -> Vec<bool> {
         let escalated = |own: &Own| own.factor.is_some() && self.filter.method().form == Form::Joseph;
         let of = |track: usize| match &self.states {
-            States::Lanes(_, left) => left.get(&track).is_some_and(escalated),
+            States::Lanes(own) => own.left.get(&track).is_some_and(escalated),
             States::Each(tracks) => escalated(&tracks[track]),
         };
         (0..self.tracks).map(of).collect()
@@ -239,10 +228,7 @@ impl TrackBatch {
         let (mut means, mut covs) = (vec![0.0; self.tracks * n], vec![0.0; self.tracks * n * n]);
         for (track, (mean, cov)) in means.chunks_exact_mut(n).zip(covs.chunks_exact_mut(n * n)).enumerate() {
             match &self.states {
-                States::Lanes(lanes, left) => match left.get(&track) {
-                    Some(own) => own.get(mean, cov),
-                    None => lanes.get(track, mean, cov),
-                },
+                States::Lanes(own) => own.get(track, mean, cov),
                 States::Each(tracks) => tracks[track].get(mean, cov),
             }
         }
@@ -266,7 +252,7 @@ impl TrackBatch {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         require_size("measurements", self.tracks * times.len() * m, values.len())?;
         require_finite("times", times)?;
-        if largest(values) > HUGE {
+        if largest(values, self.threads) > HUGE {
             if let Some(index) = values.iter().position(|value| value.is_infinite()) {
                 return Err(Error::NonFinite {
                     what: "measurement".into(),
@@ -291,10 +277,7 @@ impl TrackBatch {
             covs: sized(wanted.covs, n * n),
             nis: sized(wanted.nis, 1),
         };
-        let piece = if self.in_lanes() { PIECE } else { PIECE_EACH };
-        let size = (piece / times.len().max(1))
-            .next_multiple_of(LANES)
-            .max(LANES * self.threads);
+        let size = self.first_piece(times.len());
         // One piece is not interrupted, and lanes do not fail but by overflow.
         let strict = self.filter.strict();
         let may_fail = !self.in_lanes() || self.tracks > size || self.huge || strict;
@@ -328,66 +311,5 @@ impl TrackBatch {
                 what: format!("estimate of track {track}"),
             }),
         }
-    }
-
-    fn run_pieces(
-        &mut self,
-        times: &[f64],
-        values: &[f64],
-        size: usize,
-        out: &mut BatchRun,
-        go_on: &mut dyn FnMut() -> bool,
-    ) -> Result<()> {
-        let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
-        let (mut lane_steps, mut noise) = (Vec::new(), Vec::new());
-        if self.in_lanes() {
-            lane_steps = steps(self.filter.motion(), self.time, times);
-            noise.extend(self.filter.sensor().noise().diagonal().iter());
-        }
-        for first in (0..self.tracks).step_by(size) {
-            if first > 0 && !go_on() {
-                return Err(Error::Interrupted);
-            }
-            let tracks = first..(first + size).min(self.tracks);
-            let values = &values[first * times.len() * m..tracks.end * times.len() * m];
-            let each = Each {
-                filter: &self.filter,
-                time: self.time,
-                times,
-            };
-            match &mut self.states {
-                States::Lanes(lanes, left) => {
-                    let mut singular = vec![false; tracks.len()];
-                    let threads = self.threads.min(tracks.len() * times.len() / PER_THREAD).max(1);
-                    let counts = &mut self.failures[tracks.clone()];
-                    lanes.advance(
-                        tracks.clone(),
-                        &lane_steps,
-                        &noise,
-                        values,
-                        out.of(tracks.clone(), times.len(), n),
-                        counts,
-                        &mut singular,
-                        self.level,
-                        threads,
-                    );
-                    for track in tracks.clone().filter(|&track| singular[track - tracks.start]) {
-                        left.entry(track)
-                            .or_insert_with(|| Own::leaving(lanes.as_mut(), track, n));
-                    }
-                    for (&track, own) in left.range_mut(tracks.clone()) {
-                        let from = (track - tracks.start) * times.len() * m;
-                        let values = &values[from..from + times.len() * m];
-                        let out = out.of(track..track + 1, times.len(), n);
-                        each.run(std::slice::from_mut(own), values, out, 1)?;
-                    }
-                }
-                States::Each(own) => {
-                    let out = out.of(tracks.clone(), times.len(), n);
-                    each.run(&mut own[tracks], values, out, self.threads)?;
-                }
-            }
-        }
-        Ok(())
     }
 }

@@ -108,6 +108,12 @@ impl SmoothedRun {
         }
     }
 
+    /// Takes memory for so many more.
+    pub fn reserve(&mut self, count: usize) {
+        self.states.reserve(count);
+        self.lag_one.reserve(count);
+    }
+
     /// Adds the next estimate.
     pub fn push(&mut self, lagged: &LaggedEstimate) {
         self.states.push(&lagged.state);
@@ -252,8 +258,7 @@ impl Backward {
 
     /// Takes memory for so many more epochs.
     pub fn reserve(&mut self, count: usize) {
-        self.run.states.reserve(count);
-        self.run.lag_one.reserve(count);
+        self.run.reserve(count);
     }
 
     /// Goes through these epochs from the last, at which it stands, to the first.

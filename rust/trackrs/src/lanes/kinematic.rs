@@ -29,6 +29,8 @@
 use pulp::Simd;
 
 use super::block::at;
+use super::transport::{Spot, gather};
+use super::work::Measured;
 
 /// More than what the roundings of a determinant can do to it, as a part of the product of its variances.
 const ROUNDING: f64 = 1e-12;
@@ -91,7 +93,7 @@ pub(super) const fn after(index: usize) -> usize {
 
 /// a + b c.
 #[inline(always)]
-fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
+pub(super) fn more<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s) -> S::f64s {
     simd.add_f64s(a, simd.mul_f64s(b, c))
 }
 
@@ -212,9 +214,31 @@ pub(super) struct Found<S: Simd> {
     pub(super) shrunk: S::f64s,
 }
 
+/// A sensor of positions: R of its axes.
+pub(super) struct Positions<const D: usize>(pub(super) [f64; D]);
+
+impl<const D: usize, const N: usize, const PN: usize> Measured<N, PN> for Positions<D> {
+    fn components(&self) -> usize {
+        D
+    }
+
+    #[inline(always)]
+    fn update<S: Simd>(
+        &self,
+        simd: S,
+        x: &mut [S::f64s; N],
+        p: &mut [S::f64s; PN],
+        values: &[f64],
+        spot: Spot,
+    ) -> Found<S> {
+        let z = gather::<S, D>(simd, values, D, spot);
+        update::<S, D, N, PN>(simd, x, p, &z, &self.0)
+    }
+}
+
 /// Equations 3 to 6.
 #[inline(always)]
-pub(super) fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
+fn update<S: Simd, const D: usize, const N: usize, const PN: usize>(
     simd: S,
     x: &mut [S::f64s; N],
     p: &mut [S::f64s; PN],

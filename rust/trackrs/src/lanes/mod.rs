@@ -12,6 +12,7 @@ mod condition;
 pub(crate) mod distances;
 pub mod kinematic;
 pub mod level;
+pub(crate) mod linear;
 pub(crate) mod tracks;
 mod transport;
 pub mod work;

@@ -1,12 +1,15 @@
 //! Tracks in lanes, whatever their dimensions: one kernel for every number of axes and derivatives up to three.
 
+use std::convert::Infallible;
 use std::fmt::Debug;
 use std::ops::Range;
 
 use super::Level;
 use super::block::{Block, LANES};
-use super::kinematic::Step;
-use super::work::{Outputs, Work};
+use super::kinematic::{Positions, Step};
+use super::linear::Linear;
+use super::work::{Measured, Outputs, TOGETHER, Work};
+use crate::threads::{PARTS, share_out};
 
 /// Per pair of blocks and axis; see [`Step::noise`]. Axes beyond those of the motion do not count.
 pub(crate) type AxisNoise = [[f64; 3]; 6];
@@ -16,6 +19,22 @@ pub(crate) type AxisNoise = [[f64; 3]; 6];
 pub(crate) struct RawStep {
     pub(crate) dt: f64,
     pub(crate) noise: AxisNoise,
+}
+
+/// A sensor of any number of axes or components.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum RawSensor {
+    /// Variances of the axes.
+    Positions(Vec<f64>),
+    /// z = H x + d + v with m components, at most [`super::linear::MOST`]; matrices row by row.
+    Linear {
+        /// H, m×n.
+        rows: Vec<f64>,
+        /// d.
+        offset: Vec<f64>,
+        /// R, m×m.
+        noise: Vec<f64>,
+    },
 }
 
 /// Some tracks.
@@ -33,7 +52,7 @@ pub(crate) trait Lanes: Debug + Send + Sync {
         &mut self,
         tracks: Range<usize>,
         steps: &[RawStep],
-        sensor: &[f64],
+        sensor: &RawSensor,
         values: &[f64],
         out: Outputs<'_>,
         failures: &mut [u64],
@@ -89,7 +108,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         &mut self,
         tracks: Range<usize>,
         steps: &[RawStep],
-        sensor: &[f64],
+        sensor: &RawSensor,
         values: &[f64],
         out: Outputs<'_>,
         failures: &mut [u64],
@@ -97,54 +116,80 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> Lanes for 
         level: Level,
         threads: usize,
     ) {
-        let Some(arch) = level.arch() else { return };
         let axes = |all: [f64; 3]| std::array::from_fn(|axis| all[axis]);
         let steps: Vec<Step<D>> = steps
             .iter()
             .map(|step| Step::new::<K>(step.dt, step.noise.map(axes)))
             .collect();
-        let noise: [f64; D] = std::array::from_fn(|axis| sensor[axis]);
-        let blocks = &mut self.blocks[tracks.start / LANES..tracks.end.div_ceil(LANES)];
-        let share = blocks.len().div_ceil(threads.max(1)).max(1);
-        let rows = share * LANES * steps.len();
-        // Chunks of what is not wanted are empty, as many as there are shares.
-        let mut means = out.means.chunks_mut((rows * N).max(1));
-        let mut covs = out.covs.chunks_mut((rows * N * N).max(1));
-        let mut nis = out.nis.chunks_mut(rows.max(1));
-        let values = values.chunks((rows * D).max(1));
-        let counts = failures.chunks_mut(share * LANES);
-        let singular = singular.chunks_mut(share * LANES);
         let count = tracks.len();
-        let work = blocks
-            .chunks_mut(share)
-            .zip(values)
-            .zip(counts)
-            .zip(singular)
-            .enumerate();
-        let work = work.map(|(k, (((blocks, values), failures), singular))| Work::<D, K, N, PN> {
-            tracks: (count - k * share * LANES).min(share * LANES),
-            blocks,
-            steps: &steps,
-            sensor: &noise,
-            values,
-            out: Outputs {
-                means: means.next().unwrap_or_default(),
-                covs: covs.next().unwrap_or_default(),
-                nis: nis.next().unwrap_or_default(),
-            },
-            failures,
-            singular,
-        });
-        if threads <= 1 {
-            work.for_each(|work| arch.dispatch(work));
-            return;
+        let blocks = &mut self.blocks[tracks.start / LANES..tracks.end.div_ceil(LANES)];
+        macro_rules! by {
+            ($sensor:expr) => {
+                shared(
+                    Work::<_, D, K, N, PN> {
+                        blocks,
+                        tracks: count,
+                        steps: &steps,
+                        sensor: &$sensor,
+                        values,
+                        out,
+                        failures,
+                        singular,
+                    },
+                    level,
+                    threads,
+                )
+            };
         }
-        std::thread::scope(|scope| {
-            for work in work {
-                scope.spawn(move || arch.dispatch(work));
-            }
-        });
+        match sensor {
+            RawSensor::Positions(variances) => by!(Positions::<D>(std::array::from_fn(|axis| variances[axis]))),
+            RawSensor::Linear { rows, offset, noise } => by!(Linear::<N>::new(rows, offset, noise)),
+        }
     }
+}
+
+/// Work on so many threads, some blocks each.
+fn shared<M: Measured<N, PN>, const D: usize, const K: usize, const N: usize, const PN: usize>(
+    whole: Work<'_, M, D, K, N, PN>,
+    level: Level,
+    threads: usize,
+) {
+    let Some(arch) = level.arch() else { return };
+    if threads <= 1 {
+        arch.dispatch(whole);
+        return;
+    }
+    let share = whole.blocks.len().div_ceil(threads * PARTS).next_multiple_of(TOGETHER);
+    let rows = share * LANES * whole.steps.len();
+    // Chunks of what is not wanted are empty, as many as there are shares.
+    let mut means = whole.out.means.chunks_mut((rows * N).max(1));
+    let mut covs = whole.out.covs.chunks_mut((rows * N * N).max(1));
+    let mut nis = whole.out.nis.chunks_mut(rows.max(1));
+    let work = whole
+        .blocks
+        .chunks_mut(share)
+        .zip(whole.values.chunks((rows * whole.sensor.components()).max(1)))
+        .zip(whole.failures.chunks_mut(share * LANES))
+        .zip(whole.singular.chunks_mut(share * LANES))
+        .enumerate();
+    let work = work.map(|(k, (((blocks, values), failures), singular))| Work::<M, D, K, N, PN> {
+        tracks: (whole.tracks - k * share * LANES).min(share * LANES),
+        blocks,
+        steps: whole.steps,
+        sensor: whole.sensor,
+        values,
+        out: Outputs {
+            means: means.next().unwrap_or_default(),
+            covs: covs.next().unwrap_or_default(),
+            nis: nis.next().unwrap_or_default(),
+        },
+        failures,
+        singular,
+    });
+    let Ok(()) = share_out(work, threads, |work| {
+        arch.dispatch(work);
+        Ok::<_, Infallible>(())
+    });
 }
 
 #[cfg(test)]
@@ -158,7 +203,16 @@ mod tests {
             dt: 1.0,
             noise: [[0.0; 3]; 6],
         };
-        for level in Level::available() {
+        let linear = RawSensor::Linear {
+            rows: vec![1.0],
+            offset: vec![0.0],
+            noise: vec![1.0],
+        };
+        let sensors = [RawSensor::Positions(vec![1.0]), linear];
+        for (level, sensor) in Level::available()
+            .into_iter()
+            .flat_map(|level| sensors.iter().map(move |sensor| (level, sensor)))
+        {
             let mut tracks = lanes(1, 1, 3).unwrap();
             for (track, variance) in [3.0, -5.0, 3.0].into_iter().enumerate() {
                 tracks.set(track, &[1.0], &[variance]);
@@ -171,7 +225,7 @@ mod tests {
             tracks.advance(
                 0..3,
                 &[step],
-                &[1.0],
+                sensor,
                 &[5.0, 5.0, f64::NAN],
                 out,
                 &mut failures,

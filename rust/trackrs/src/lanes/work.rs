@@ -8,11 +8,11 @@ use pulp::{Simd, WithSimd};
 
 use super::block::{Block, LANES, Lane};
 use super::condition::{Condition, variances};
-use super::kinematic::{Step, predict, update};
-use super::transport::{gather, load, scatter, scatter_symmetric, store};
+use super::kinematic::{Found, Step, predict};
+use super::transport::{Spot, load, scatter, scatter_symmetric, store};
 
 /// Blocks that are taken together.
-const TOGETHER: usize = 2;
+pub(super) const TOGETHER: usize = 2;
 
 /// What the filter gives for every track and step; tracks first, then steps. Parts that are not wanted are empty.
 #[derive(Debug, Default)]
@@ -25,23 +25,41 @@ pub struct Outputs<'a> {
     pub nis: &'a mut [f64],
 }
 
-/// Some steps of some blocks.
-pub(crate) struct Work<'a, const D: usize, const K: usize, const N: usize, const PN: usize> {
-    pub(crate) blocks: &'a mut [Block<N, PN>],
-    /// Tracks in these blocks; the rest of the last one fills it up.
-    pub(crate) tracks: usize,
-    pub(crate) steps: &'a [Step<D>],
-    pub(crate) sensor: &'a [f64; D],
-    /// Measurements, D each, track after track, step after step.
-    pub(crate) values: &'a [f64],
-    pub(crate) out: Outputs<'a>,
-    /// Per track: how often it kept its prediction because of a pivot.
-    pub(crate) failures: &'a mut [u64],
-    /// Per track: whether its covariance came close to being singular.
-    pub(crate) singular: &'a mut [bool],
+/// What the tracks are measured by.
+pub(super) trait Measured<const N: usize, const PN: usize>: Sync {
+    /// How many components a measurement has.
+    fn components(&self) -> usize;
+
+    /// Takes in the measurements of some tracks at one step; those of a call stand track after track, step after step.
+    fn update<S: Simd>(
+        &self,
+        simd: S,
+        x: &mut [S::f64s; N],
+        p: &mut [S::f64s; PN],
+        values: &[f64],
+        spot: Spot,
+    ) -> Found<S>;
 }
 
-impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd for Work<'_, D, K, N, PN> {
+/// Some steps of some blocks.
+pub(super) struct Work<'a, M, const D: usize, const K: usize, const N: usize, const PN: usize> {
+    pub(super) blocks: &'a mut [Block<N, PN>],
+    /// Tracks in these blocks; the rest of the last one fills it up.
+    pub(super) tracks: usize,
+    pub(super) steps: &'a [Step<D>],
+    pub(super) sensor: &'a M,
+    /// Measurements, track after track, step after step.
+    pub(super) values: &'a [f64],
+    pub(super) out: Outputs<'a>,
+    /// Per track: how often it kept its prediction because of a pivot.
+    pub(super) failures: &'a mut [u64],
+    /// Per track: whether its covariance came close to being singular.
+    pub(super) singular: &'a mut [bool],
+}
+
+impl<M: Measured<N, PN>, const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd
+    for Work<'_, M, D, K, N, PN>
+{
     type Output = ();
 
     #[inline(always)]
@@ -71,7 +89,12 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                             break;
                         }
                         let used = width.min(tracks - first);
-                        let z = gather::<S, D>(simd, values, first, used, count, t);
+                        let spot = Spot {
+                            first,
+                            used,
+                            steps: count,
+                            t,
+                        };
                         let mut x = load::<S, N>(simd, &block.mean, register);
                         let mut p = load::<S, PN>(simd, &block.cov, register);
                         let mut condition = Condition::<S> {
@@ -81,7 +104,7 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                         predict::<S, D, K, N, PN>(simd, &mut x, &mut p, step);
                         let scale = variances::<S, N, PN>(simd, &p);
                         condition.check::<N, PN>(simd, &p, scale);
-                        let found = update::<S, D, N, PN>(simd, &mut x, &mut p, &z, sensor);
+                        let found = sensor.update(simd, &mut x, &mut p, values, spot);
                         condition.det = simd.mul_f64s(condition.det, found.shrunk);
                         condition.check::<N, PN>(simd, &p, scale);
                         if before[b].is_none() && (count > 1 || simd.reduce_max_f64s(condition.singular) > 0.0) {
@@ -94,13 +117,13 @@ impl<const D: usize, const K: usize, const N: usize, const PN: usize> WithSimd f
                         let failures = &mut S::as_mut_simd_f64s(&mut failed[b].0).0[register];
                         *failures = simd.add_f64s(*failures, found.failed);
                         if !out.means.is_empty() {
-                            scatter::<S, N>(out.means, &x, first, used, count, t);
+                            scatter::<S, N>(out.means, &x, spot);
                         }
                         if !out.covs.is_empty() {
-                            scatter_symmetric::<S, N, PN>(out.covs, &p, first, used, count, t);
+                            scatter_symmetric::<S, N, PN>(out.covs, &p, spot);
                         }
                         if !out.nis.is_empty() {
-                            scatter::<S, 1>(out.nis, &[found.nis], first, used, count, t);
+                            scatter::<S, 1>(out.nis, &[found.nis], spot);
                         }
                     }
                 }

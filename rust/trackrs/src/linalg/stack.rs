@@ -139,6 +139,9 @@ impl Stack {
     }
 }
 
+/// After so many different matrices without a repetition the others are thought to be different too.
+const CHANGING: usize = 8;
+
 /// Matrices of one shape, of which many are the one before: such a one is kept once.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Repeats {
@@ -184,6 +187,9 @@ impl Repeats {
         if count > 0 && same_bits(self.distinct.at(count - 1), matrix) {
             self.which.push(count - 1);
         } else {
+            if count == CHANGING && self.which.len() == CHANGING {
+                self.distinct.reserve(self.which.capacity() - CHANGING);
+            }
             self.distinct.push(matrix);
             self.which.push(count);
         }
@@ -198,6 +204,18 @@ impl Repeats {
     /// Matrix `index` row by row; `index` as in a slice.
     pub fn at(&self, index: usize) -> &[f64] {
         self.distinct.at(self.which[index])
+    }
+
+    /// All, each for itself; where none repeats, in the memory they were in.
+    pub fn into_stack(self) -> Stack {
+        if self.distinct.len() == self.len() {
+            return self.distinct;
+        }
+        let [rows, columns] = self.distinct.shape();
+        let mut all = Stack::new(rows, columns);
+        all.reserve(self.len());
+        self.iter().for_each(|matrix| all.push(matrix));
+        all
     }
 
     /// All, each row by row.
@@ -236,5 +254,16 @@ mod tests {
         assert_eq!(repeats.distinct().values(), &[1.0, 2.0, 1.0, -0.0, 0.0]);
         assert_eq!(repeats.iter().flatten().copied().collect::<Vec<_>>(), list);
         assert_eq!((repeats.len(), repeats.at(4)), (list.len(), &[2.0][..]));
+        assert!(same_bits(repeats.into_stack().values(), &list));
+    }
+
+    #[test]
+    fn what_does_not_repeat_is_handed_over() {
+        let mut repeats = Repeats::square(1);
+        repeats.reserve(100);
+        (0..100).for_each(|k| repeats.push(&[f64::from(k)]));
+        let memory = repeats.distinct().values().as_ptr();
+        let all = repeats.into_stack();
+        assert_eq!((all.len(), all.values().as_ptr()), (100, memory));
     }
 }

@@ -1,4 +1,4 @@
-//! Tracks of any filter, some on each thread.
+//! Tracks of any filter, one after the other on each thread.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -7,10 +7,10 @@ use crate::filter::run::FilterRun;
 use crate::filter::runner::Runner;
 use crate::filter::sequence::{Filter, History, InitialState, Sequence};
 use crate::gaussian::Gaussian;
-use crate::lanes::block::LANES;
 use crate::lanes::tracks::Lanes;
 use crate::lanes::work::Outputs;
 use crate::model::{Motion, MotionModel, Sensor, SensorModel};
+use crate::threads::{PARTS, share_out};
 
 /// Tracks one after the other.
 pub(super) struct Each<'a> {
@@ -32,7 +32,7 @@ impl Each<'_> {
     pub(super) fn run(&self, tracks: &mut [Own], values: &[f64], out: Outputs<'_>, threads: usize) -> Result<()> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
         let steps = self.times.len();
-        let size = tracks.len().div_ceil(threads.max(1)).max(1).next_multiple_of(LANES);
+        let size = tracks.len().div_ceil(threads * PARTS).max(1);
         let mut shares = Vec::new();
         let (mut tracks, mut values) = (tracks, values);
         let Outputs {
@@ -59,18 +59,8 @@ impl Each<'_> {
             (tracks, values, means, covs, nis) = (rest, more, means_rest, covs_rest, nis_rest);
         }
         // Models from outside the library report what they raise to the thread that called: they stay on it.
-        if threads <= 1 || self.is_foreign() {
-            return shares.into_iter().try_for_each(|mut share| self.share(&mut share));
-        }
-        std::thread::scope(|scope| {
-            let workers: Vec<_> = shares
-                .into_iter()
-                .map(|mut share| scope.spawn(move || self.share(&mut share)))
-                .collect();
-            workers
-                .into_iter()
-                .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        })
+        let threads = if self.is_foreign() { 1 } else { threads };
+        share_out(shares.into_iter(), threads, |mut share| self.share(&mut share))
     }
 
     fn is_foreign(&self) -> bool {

@@ -27,6 +27,16 @@ impl LinearSensor {
         require_finite("offset", offset.iter())?;
         Ok(Self { matrix, noise, offset })
     }
+
+    /// H, m×n.
+    pub fn matrix(&self) -> &DMatrix<f64> {
+        &self.matrix
+    }
+
+    /// d, m.
+    pub fn offset(&self) -> &DVector<f64> {
+        &self.offset
+    }
 }
 
 impl Sensor for LinearSensor {

@@ -17,7 +17,6 @@ mod scene;
 mod score;
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use nalgebra::DVector;
@@ -29,6 +28,7 @@ use crate::error::{Error, Result};
 use crate::filter::lead::Lead;
 use crate::filter::sequence::{Filter, History, InitialState};
 use crate::scan::Scan;
+use crate::threads::share_out;
 use crate::track::Track;
 use crate::tracker::multi_target::MultiTargetTracker;
 use crate::tracker::phd::PhdTracker;
@@ -230,22 +230,12 @@ impl Study {
 
     /// All runs of a range, on so many threads, in their order.
     pub fn run_all(&self, seed: u64, runs: Range<u64>, threads: usize) -> Result<Vec<Trial>> {
-        let next = AtomicU64::new(runs.start);
-        let work = || -> Vec<(u64, Result<Trial>)> {
-            let claim = || Some(next.fetch_add(1, Ordering::Relaxed)).filter(|&run| run < runs.end);
-            std::iter::from_fn(claim)
-                .map(|run| (run, self.run(seed, run)))
-                .collect()
-        };
-        let mut done = std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(work)).collect();
-            let finished = workers
-                .into_iter()
-                .map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-            finished.flatten().collect::<Vec<_>>()
-        });
-        done.sort_by_key(|(run, _)| *run);
-        done.into_iter().map(|(_, trial)| trial).collect()
+        let mut trials: Vec<Option<Trial>> = runs.clone().map(|_| None).collect();
+        share_out(runs.zip(&mut trials), threads, |(run, trial)| {
+            *trial = Some(self.run(seed, run)?);
+            Ok::<_, Error>(())
+        })?;
+        Ok(trials.into_iter().flatten().collect())
     }
 
     /// The scores of one method, C × S, and the seconds it took without the scoring.
