@@ -309,17 +309,17 @@ def test_no_file(tmp_path):
 
 def test_every_argument_has_a_kind():
     """A model whose arguments the file cannot check would fail here, not at a user's."""
-    targets = [*kinds.MOTIONS.values(), *kinds.SENSORS.values(), *kinds._RECORDS.values()]
-    targets += [kind for choices in kinds._CHOICES.values() for kind in choices.values()]
+    targets = [*kinds.MOTIONS.values(), *kinds.SENSORS.values(), *kinds.RECORDS.values()]
+    targets += [kind for choices in kinds.CHOICES.values() for kind in choices.values()]
     targets += [module.InputConfig, module.TruthConfig, module.ScoreConfig, module.PlotConfig]
-    arguments = [argument for target in targets for argument in kinds._arguments(target)]
-    own = kinds.GIVEN_ELSEWHERE | {"gate", *kinds._CHOICES}
+    arguments = [argument for target in targets for argument in kinds.arguments_of(target)]
+    own = kinds.GIVEN_ELSEWHERE | {"gate", *kinds.CHOICES}
     for name in kinds.TRACKERS:
         arguments += [argument for argument in _loader.tracker_arguments(name) if argument.name not in own]
     for argument in arguments:
-        for part in kinds._BETWEEN.split(argument.annotation.removesuffix(" | None")):
-            known = part in {**kinds._KINDS, **kinds._RECORDS} or kinds._LITERAL.fullmatch(part)
-            assert known or argument.annotation.removesuffix(" | None") in kinds._KINDS, argument
+        for part in kinds.BETWEEN.split(argument.annotation.removesuffix(" | None")):
+            known = part in {**kinds.KINDS, **kinds.RECORDS} or kinds.LITERAL.fullmatch(part)
+            assert known or argument.annotation.removesuffix(" | None") in kinds.KINDS, argument
 
 
 def test_every_model_has_a_name():

@@ -120,7 +120,7 @@ _TEXTS = _are(lambda item: isinstance(item, str))
 
 
 @dataclass(frozen=True, slots=True)
-class _Kind:
+class Kind:
     """What a value must be: a test, and the same in words."""
 
     accepts: Callable[[object], bool]
@@ -128,33 +128,31 @@ class _Kind:
 
 
 # By the annotation of the argument, without ` | None`.
-_KINDS = {
-    "int": _Kind(_is_count, "a whole number, not negative"),
-    "float": _Kind(_is_number, "a number"),
-    "Form": _Kind(lambda v: v in ("joseph", "square_root"), '"joseph" or "square_root"'),
-    "bool": _Kind(lambda value: isinstance(value, bool), "true or false"),
-    "str": _Kind(lambda value: isinstance(value, str), "text in quotes"),
-    "tuple[str, ...]": _Kind(_TEXTS, "a list of texts"),
-    "Sequence[str]": _Kind(_TEXTS, "a list of texts"),
-    "tuple[float, float]": _Kind(
-        lambda v: isinstance(v, list) and _NUMBERS(v) and len(v) == 2, "a list of two numbers"
-    ),
-    "tuple[int, int]": _Kind(
+KINDS = {
+    "int": Kind(_is_count, "a whole number, not negative"),
+    "float": Kind(_is_number, "a number"),
+    "Form": Kind(lambda v: v in ("joseph", "square_root"), '"joseph" or "square_root"'),
+    "bool": Kind(lambda value: isinstance(value, bool), "true or false"),
+    "str": Kind(lambda value: isinstance(value, str), "text in quotes"),
+    "tuple[str, ...]": Kind(_TEXTS, "a list of texts"),
+    "Sequence[str]": Kind(_TEXTS, "a list of texts"),
+    "tuple[float, float]": Kind(lambda v: isinstance(v, list) and _NUMBERS(v) and len(v) == 2, "a list of two numbers"),
+    "tuple[int, int]": Kind(
         lambda v: isinstance(v, list) and _are(_is_count)(v) and len(v) == 2, "two whole numbers in a list"
     ),
-    "Sequence[float]": _Kind(_NUMBERS, "a list of numbers"),
-    "float | Sequence[float]": _Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
-    "float | Mapping[str, float]": _Kind(
+    "Sequence[float]": Kind(_NUMBERS, "a list of numbers"),
+    "float | Sequence[float]": Kind(lambda v: _is_number(v) or _NUMBERS(v), "a number or a list of numbers"),
+    "float | Mapping[str, float]": Kind(
         lambda v: _is_number(v) or (isinstance(v, dict) and all(_is_number(item) for item in v.values())),
         "a number, or a table of numbers by sensor",
     ),
-    "float | ArrayLike": _Kind(
+    "float | ArrayLike": Kind(
         lambda v: _is_number(v) or _NUMBERS(v) or _are(_NUMBERS)(v),
         "a number, a list of numbers, or of rows of numbers",
     ),
-    "ArrayLike": _Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
+    "ArrayLike": Kind(lambda v: _NUMBERS(v) or _are(_NUMBERS)(v), "a list of numbers, or of rows of numbers"),
 }
-_RECORDS: dict[str, type] = {
+RECORDS: dict[str, type] = {
     "ChiSquareScreen": ChiSquareScreen,
     "Deletion": Deletion,
     "ClutterMap": ClutterMap,
@@ -163,7 +161,7 @@ _RECORDS: dict[str, type] = {
     "Extent": Extent,
 }
 # By the name of the argument: records of several kinds, which a table's "type" chooses from.
-_CHOICES = {
+CHOICES = {
     "adapt": ADAPTATIONS,
     "associator": ASSOCIATORS,
     "birth": BIRTHS,
@@ -171,12 +169,12 @@ _CHOICES = {
     "late": LATE,
     "partition": PARTITIONS,
 }
-_LITERAL = re.compile(r"Literal\[([^\]]*)\]")
-_BETWEEN = re.compile(r" \| (?![^\[]*\])")
+LITERAL = re.compile(r"Literal\[([^\]]*)\]")
+BETWEEN = re.compile(r" \| (?![^\[]*\])")
 
 
 @dataclass(frozen=True, slots=True)
-class _Argument:
+class Argument:
     """An argument of a class or function, as its signature has it."""
 
     name: str
@@ -190,11 +188,11 @@ class _Argument:
         return self.annotation.endswith(" | None") and not self.required and self.default is not None
 
 
-def _arguments(target: Callable[..., Any]) -> list[_Argument]:
+def arguments_of(target: Callable[..., Any]) -> list[Argument]:
     """The arguments that a table may give to `target`."""
     if isinstance(target, type) and hasattr(target, "__dataclass_fields__"):
         return [
-            _Argument(
+            Argument(
                 field.name,
                 str(field.type),
                 field.default is MISSING and field.default_factory is MISSING,
@@ -204,14 +202,14 @@ def _arguments(target: Callable[..., Any]) -> list[_Argument]:
             if field.init
         ]
     parameters = inspect.signature(target).parameters.values()
-    return [_Argument(p.name, str(p.annotation), p.default is inspect.Parameter.empty, p.default) for p in parameters]
+    return [Argument(p.name, str(p.annotation), p.default is inspect.Parameter.empty, p.default) for p in parameters]
 
 
-def _shown(value: object) -> str:
+def shown(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _hint(wrong: str, known: Iterable[str]) -> str:
+def closest(wrong: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(wrong, known, n=1)
     return f'; did you mean "{close[0]}"?' if close else ""

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import numpy as np
 
 from trackrs._kinds import (
-    _BETWEEN,
-    _CHOICES,
-    _KINDS,
-    _LITERAL,
-    _RECORDS,
+    BETWEEN,
+    CHOICES,
     GIVEN_ELSEWHERE,
+    KINDS,
+    LITERAL,
     MOTIONS,
+    RECORDS,
     SENSORS,
     TRACKERS,
-    _Argument,
-    _arguments,
-    _hint,
-    _shown,
+    Argument,
+    arguments_of,
+    closest,
+    shown,
     snake_case,
 )
 from trackrs.config import Config, ConfigError, InputConfig, PlotConfig, ScoreConfig, TruthConfig
@@ -43,32 +43,32 @@ T = TypeVar("T")
 TABLES = ("motion", "sensors", "tracker", "input", "truth", "score", "plot")
 
 
-def tracker_arguments(kind: str) -> list[_Argument]:
+def tracker_arguments(kind: str) -> list[Argument]:
     """Return all arguments of a tracker."""
     target = TRACKERS[kind]
-    return _arguments(MultiTargetTracker.__init__ if target is MultiTargetTracker else target)
+    return arguments_of(MultiTargetTracker.__init__ if target is MultiTargetTracker else target)
 
 
 def _accepted(annotation: str) -> tuple[Callable[[object], bool], str]:
     """What a value must be that may be of several kinds: a test, and the same in words."""
-    if annotation in _KINDS:
-        return _KINDS[annotation].accepts, _KINDS[annotation].words
+    if annotation in KINDS:
+        return KINDS[annotation].accepts, KINDS[annotation].words
     tests: list[Callable[[object], bool]] = []
     words: list[str] = []
-    for part in _BETWEEN.split(annotation):
-        if choices := _LITERAL.fullmatch(part):
+    for part in BETWEEN.split(annotation):
+        if choices := LITERAL.fullmatch(part):
             known = re.findall(r"['\"](\w+)['\"]", choices[1])
             tests.append(known.__contains__)
             words.append(", ".join(f'"{name}"' for name in known))
-        elif part in _KINDS:
-            tests.append(_KINDS[part].accepts)
-            words.append(_KINDS[part].words)
-        elif part in _RECORDS:
+        elif part in KINDS:
+            tests.append(KINDS[part].accepts)
+            words.append(KINDS[part].words)
+        elif part in RECORDS:
             words.append("a table")
     return lambda value: any(test(value) for test in tests), " or ".join(words)
 
 
-class _Loader:
+class Loader:
     """Reads one file; its methods know the file's name and say it in every error."""
 
     def __init__(self, path: Path) -> None:
@@ -124,13 +124,13 @@ class _Loader:
         known = list(known)
         for key in table:
             if key not in known:
-                self.fail(where, f': unknown {noun} "{key}"{_hint(key, known)} (there are: {", ".join(known)})')
+                self.fail(where, f': unknown {noun} "{key}"{closest(key, known)} (there are: {", ".join(known)})')
 
     def table(self, parent: Mapping[str, Any], name: str) -> dict[str, Any] | None:
         """A table of the file, if it is there."""
         table = parent.get(name)
         if not isinstance(table, dict | None):
-            self.fail("", f': "{name}" must be a table, got {_shown(table)}')
+            self.fail("", f': "{name}" must be a table, got {shown(table)}')
         return table
 
     def required(self, document: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -144,7 +144,7 @@ class _Loader:
         self, target: Callable[..., Any], table: Mapping[str, Any], where: str, more: Iterable[str]
     ) -> dict[str, Any]:
         """The table as arguments of `target`, checked by its signature. Keys in `more` belong to somebody else."""
-        arguments = _arguments(target)
+        arguments = arguments_of(target)
         self.known_keys(table, [*more, *(argument.name for argument in arguments)], where)
         out = {}
         for argument in arguments:
@@ -154,16 +154,16 @@ class _Loader:
                 self.fail(where, f': "{argument.name}" is missing')
         return out
 
-    def value(self, value: Any, argument: _Argument, where: str) -> Any:  # noqa: ANN401 (as TOML has it)
+    def value(self, value: Any, argument: Argument, where: str) -> Any:  # noqa: ANN401 (as TOML has it)
         annotation = argument.annotation.removesuffix(" | None")
         if argument.takes_none and value == "none":
             return None
-        if choices := _LITERAL.fullmatch(annotation):
+        if choices := LITERAL.fullmatch(annotation):
             return self.choice(value, re.findall(r"['\"](\w+)['\"]", choices[1]), f"{where} {argument.name}")
         accepts, words = _accepted(annotation)
         if not accepts(value):
             words = f'{words}, or "none"' if argument.takes_none else words
-            self.fail(where, f" {argument.name} = {_shown(value)} is invalid: must be {words}")
+            self.fail(where, f" {argument.name} = {shown(value)} is invalid: must be {words}")
         if annotation == "float":
             return float(value)
         return tuple(value) if annotation.startswith("tuple[") else value
@@ -171,8 +171,8 @@ class _Loader:
     def choice(self, value: object, known: Iterable[str], where: str) -> str:
         known = list(known)
         if not isinstance(value, str) or value not in known:
-            hint = _hint(value, known) if isinstance(value, str) else ""
-            self.fail(where, f" = {_shown(value)} is unknown{hint} (there are: {', '.join(known)})")
+            hint = closest(value, known) if isinstance(value, str) else ""
+            self.fail(where, f" = {shown(value)} is unknown{hint} (there are: {', '.join(known)})")
         return value
 
     def build(self, target: Callable[..., T], table: Mapping[str, Any], where: str, more: Iterable[str] = ()) -> T:
@@ -195,11 +195,11 @@ class _Loader:
         for name, table in tables.items():
             where = f"[sensors.{name}]"
             if not isinstance(table, dict):
-                self.fail("", f': "sensors.{name}" must be a table, {where}, got {_shown(table)}')
+                self.fail("", f': "sensors.{name}" must be a table, {where}, got {shown(table)}')
             sensor = self.model(SENSORS, table, where, "columns")
             if "columns" not in table:
                 self.fail(where, ': "columns" is missing: name the columns of the detections, one per component')
-            names = self.value(table["columns"], _Argument("columns", "tuple[str, ...]", required=True), where)
+            names = self.value(table["columns"], Argument("columns", "tuple[str, ...]", required=True), where)
             if len(names) != sensor.measurement_dim:
                 labels = ", ".join(sensor.labels)
                 self.fail(where, f" columns: {len(names)} named, {sensor.measurement_dim} needed, for {labels}")
@@ -213,7 +213,7 @@ class _Loader:
 
     def records(
         self,
-        arguments: Iterable[_Argument],
+        arguments: Iterable[Argument],
         table: Mapping[str, Any],
         where: str,
         more: Iterable[str] = (),
@@ -227,23 +227,23 @@ class _Loader:
         self.known_keys(table, [*more, *(argument.name for argument in arguments)], where)
         for argument in arguments:
             name, annotation = argument.name, argument.annotation.removesuffix(" | None")
-            record = _RECORDS.get(_BETWEEN.split(annotation)[-1])
+            record = RECORDS.get(BETWEEN.split(annotation)[-1])
             if name not in table:
                 if argument.required and name not in given:
                     self.fail(where, f': "{name}" is missing')
-            elif record is not None and (isinstance(table[name], dict) or annotation in _RECORDS):
+            elif record is not None and (isinstance(table[name], dict) or annotation in RECORDS):
                 out[name] = self.build(record, self.table(table, name) or {}, f"{where[:-1]}.{name}]")
-            elif name in _CHOICES:
+            elif name in CHOICES:
                 out[name] = self.kind(name, table[name], where)
             elif name == "gate":
-                out[name] = Gate(self.value(table[name], _Argument(name, "float", required=False), where))
+                out[name] = Gate(self.value(table[name], Argument(name, "float", required=False), where))
             else:
                 out[name] = self.value(table[name], argument, where)
         return out
 
     def kind(self, name: str, value: object, where: str) -> object:
         """A record of a kind that is named alone, or by "type" in a table of its own; counting hits needs no name."""
-        kinds, here = _CHOICES[name], f"{where[:-1]}.{name}]"
+        kinds, here = CHOICES[name], f"{where[:-1]}.{name}]"
         if not isinstance(value, dict):
             return self.build(kinds[self.choice(value, kinds, f"{where} {name}")], {}, here)
         table = {"type": snake_case(MofN.__name__)} | value if name == "initiator" else value
@@ -295,7 +295,7 @@ class _Loader:
         if config.truth and len(config.truth.columns) != len(platform):
             self.fail("[input]", f" platform: {len(platform)} columns, but [truth] has {len(config.truth.columns)}")
 
-    def core(self, build: Callable[[], T], where: str, arguments: Iterable[_Argument] = ()) -> T:
+    def core(self, build: Callable[[], T], where: str, arguments: Iterable[Argument] = ()) -> T:
         """Let the core check, and put its finding where the user wrote the value, perhaps in one of these arguments."""
         try:
             return build()
@@ -306,8 +306,8 @@ class _Loader:
                 gates = [argument.name for argument in arguments if argument.name == "gate"]
                 text = text.replace(culprit, "gate", 1) if gates else text
             for argument in arguments:
-                record = _RECORDS.get(_BETWEEN.split(argument.annotation.removesuffix(" | None"))[-1])
-                records = [record] if record else _CHOICES.get(argument.name, {}).values()
-                if any(culprit in {item.name for item in _arguments(record)} for record in records):
+                record = RECORDS.get(BETWEEN.split(argument.annotation.removesuffix(" | None"))[-1])
+                records = [record] if record else CHOICES.get(argument.name, {}).values()
+                if any(culprit in {item.name for item in arguments_of(record)} for record in records):
                     self.fail(f"{where[:-1]}.{argument.name}]", f" {text}")
             self.fail(where, f" {text}")

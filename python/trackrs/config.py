@@ -148,6 +148,6 @@ def load_config(path: str | Path) -> Config:
         ConfigError: the file is missing or no TOML, a table or key is missing or unknown, a value has the wrong type or
             is outside its domain.
     """
-    from trackrs._loader import _Loader  # noqa: PLC0415 (which knows the records)
+    from trackrs._loader import Loader  # noqa: PLC0415 (which knows the records)
 
-    return _Loader(Path(path)).load()
+    return Loader(Path(path)).load()

@@ -25,12 +25,12 @@ from trackrs._kinds import (
     MOTIONS,
     SENSORS,
     TRACKERS,
-    _Argument,
-    _arguments,
-    _shown,
+    Argument,
+    arguments_of,
+    shown,
     snake_case,
 )
-from trackrs._loader import _Loader, tracker_arguments
+from trackrs._loader import Loader, tracker_arguments
 from trackrs.errors import TrackrsError
 from trackrs.intensity import Birth
 from trackrs.metric import GOSPA, OSPA
@@ -116,7 +116,7 @@ def load_study(path: str | Path) -> StudyConfig:
     return _StudyLoader(Path(path)).study()
 
 
-class _StudyLoader(_Loader):
+class _StudyLoader(Loader):
     """Reads one file of a study."""
 
     def study(self) -> StudyConfig:
@@ -128,7 +128,7 @@ class _StudyLoader(_Loader):
         for name, own in self.required(document, "methods").items():
             where = f"[methods.{name}]"
             if not isinstance(own, dict):
-                self.fail("", f': "methods.{name}" must be a table, {where}, got {_shown(own)}')
+                self.fail("", f': "methods.{name}" must be a table, {where}, got {shown(own)}')
             methods[name] = self.method(scene, common | own, where)
         if not methods:
             self.fail("[methods]", ": names no method; add a table such as [methods.default]")
@@ -154,7 +154,7 @@ class _StudyLoader(_Loader):
         if "type" not in table:
             self.fail(where, f': "type" is missing (there are: {", ".join(SCENARIOS)})')
         make = SCENARIOS[self.choice(table["type"], SCENARIOS, f"{where} type")]
-        arguments = [argument for argument in _arguments(make) if argument.name not in NO_TABLE]
+        arguments = [argument for argument in arguments_of(make) if argument.name not in NO_TABLE]
         self.known_keys(table, ["type", *(argument.name for argument in arguments)], where)
         given = {}
         for argument in arguments:
@@ -164,7 +164,7 @@ class _StudyLoader(_Loader):
                 self.fail(where, f': "{argument.name}" is missing')
         return self.core(lambda: make(**given), where)
 
-    def scene_value(self, value: Any, argument: _Argument, where: str) -> Any:  # noqa: ANN401 (as TOML has it)
+    def scene_value(self, value: Any, argument: Argument, where: str) -> Any:  # noqa: ANN401 (as TOML has it)
         name, annotation = argument.name, argument.annotation
         if name == "array":
             return self.choice(value, ["bats", "toss"], f"{where} array")
@@ -174,21 +174,21 @@ class _StudyLoader(_Loader):
             return shapes if isinstance(value, list) else shapes[0]
         if annotation == "Sequence[ExtendedTarget]":
             if not isinstance(value, list) or not all(isinstance(table, dict) for table in value):
-                self.fail(where, f" {name} = {_shown(value)} is invalid: must be a list of tables")
+                self.fail(where, f" {name} = {shown(value)} is invalid: must be a list of tables")
             return [self.target(table, f"{where[:-1]}.targets]") for table in value]
         if name == "swings":
-            return self.value(value, _Argument(name, "ArrayLike", required=True), where)
+            return self.value(value, Argument(name, "ArrayLike", required=True), where)
         return self.value(value, argument, where)
 
     def shape(self, table: Any, where: str) -> Any:  # noqa: ANN401
         if not isinstance(table, dict):
-            self.fail(where, f": must be a table with a type, got {_shown(table)}")
+            self.fail(where, f": must be a table with a type, got {shown(table)}")
         return self.model(SHAPES, table, where)
 
     def target(self, table: Mapping[str, Any], where: str) -> ExtendedTarget:
         plain = {name: value for name, value in table.items() if name not in {"start", "shape"}}
-        start = self.value(table.get("start"), _Argument("start", "Sequence[float]", required=True), where)
-        arguments = [a for a in _arguments(ExtendedTarget) if a.name not in {"start", "shape"}]
+        start = self.value(table.get("start"), Argument("start", "Sequence[float]", required=True), where)
+        arguments = [a for a in arguments_of(ExtendedTarget) if a.name not in {"start", "shape"}]
         more = self.records(arguments, plain, where, ["start", "shape"])
         if "shape" in table:
             more["shape"] = self.shape(table["shape"], f"{where[:-1]}.shape]")
@@ -207,11 +207,11 @@ class _StudyLoader(_Loader):
                 facts[name] = self.model(kinds, own, f"{where[:-1]}.{name}]")
             elif name not in facts:
                 self.fail(where, f': "{name}" is missing, and the scenario knows none')
-        arguments = tracker_arguments(kind) if scans else _arguments(FILTERS[kind])
+        arguments = tracker_arguments(kind) if scans else arguments_of(FILTERS[kind])
         taken = {argument.name for argument in arguments}
         more = ["type", "motion", "sensor", *(["initial"] if "initial" in taken else [])]
         if "initial" in table and table["initial"] != "none":
-            self.fail(where, f' initial = {_shown(table["initial"])} is invalid: must be "none", or left out')
+            self.fail(where, f' initial = {shown(table["initial"])} is invalid: must be "none", or left out')
         if table.get("initial") == "none":
             facts.pop("initial", None)
         free = [argument for argument in arguments if argument.name not in GIVEN_ELSEWHERE]
