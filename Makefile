@@ -65,7 +65,7 @@ bench: $(VENV)/.package ## side by side with peers into benchmarks/RESULTS.md; B
 # Every entry of the fuzzing tests gets so many cases: ten million in all.
 SOAK_CASES := 300000
 
-soak: $(VENV)/.package $(VENV)/.dev ## an hour of faults: 10 million cases, 1,000 kills, a day of 50 targets in clutter
+soak: $(VENV)/.package $(VENV)/.dev ## a quarter of an hour of faults: 10 million cases, 1,000 kills, a day of 50 targets in clutter
 	TRACKRS_FUZZ_CASES=$(SOAK_CASES) cargo test $(TEST_FLAGS) fuzz
 	TRACKRS_FORKS=1000 $(BIN)/python -m pytest -q tests/test_boundary.py
 	rm -rf out/kills && mkdir -p out/kills

@@ -8,7 +8,7 @@
 
 use pulp::Simd;
 
-use super::block::at;
+use super::block::{LANES, at};
 use super::kinematic::{after, less};
 use crate::linalg::kernel::NEARLY_SINGULAR;
 
@@ -28,9 +28,7 @@ impl<S: Simd> Condition<S> {
     #[inline(always)]
     pub(super) fn check<const N: usize, const PN: usize>(&mut self, simd: S, p: &[S::f64s; PN], scale: S::f64s) {
         let little = simd.mul_f64s(simd.splat_f64s(SURE), scale);
-        let margin = simd.reduce_min_f64s(simd.sub_f64s(self.det, little));
-        let sure = margin > 0.0;
-        if !sure {
+        if !all(simd, simd.less_than_f64s(little, self.det)) {
             self.factor::<N, PN>(simd, p);
         }
     }
@@ -59,6 +57,17 @@ impl<S: Simd> Condition<S> {
         let known = simd.less_than_f64s(zero, self.det);
         self.det = simd.select_f64s(known, self.det, simd.splat_f64s(f64::NEG_INFINITY));
     }
+}
+
+/// Whether all lanes are true.
+#[inline(always)]
+fn all<S: Simd>(simd: S, mask: S::m64s) -> bool {
+    if S::F64_LANES == LANES {
+        // Their truth is a byte.
+        return simd.first_true_m64s(simd.not_m64s(mask)) == LANES;
+    }
+    let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+    simd.reduce_min_f64s(simd.select_f64s(mask, one, zero)) > 0.0
 }
 
 /// Π P_ii.

@@ -128,6 +128,11 @@ impl<M: Measured<N, PN>, const D: usize, const K: usize, const N: usize, const P
                     }
                 }
             }
+            // Mostly there is nothing to tell, which is seen at once.
+            let bits = |all: &[Lane]| all.iter().flat_map(|lane| lane.0).fold(0, |bits, x| bits | x.to_bits());
+            if bits(&marked) | bits(&failed) == 0 {
+                continue;
+            }
             let marked = marked.iter().flat_map(|lane| &lane.0);
             for (track, (singular, &mark)) in singular[begin..].iter_mut().zip(marked).enumerate() {
                 let (b, lane) = (track / LANES, track % LANES);

@@ -17,12 +17,11 @@ use crate::lanes::tracks::{Lanes, RawSensor};
 use crate::model::{Motion, Sensor};
 use crate::threads::{PARTS, share_out};
 
-/// Fewer numbers of covariances to be gone through in lanes than this are not worth a thread of their own: some tenths of a
-/// millisecond.
-const PER_THREAD: usize = 250_000;
+/// Less work in lanes than this is not worth a thread of its own: some tenths of a millisecond.
+const PER_THREAD: usize = 400_000;
 /// Fewer measurements than this are not worth a thread to look at them.
 const LOOKED_AT: usize = 250_000;
-/// Numbers of covariances gone through in the first piece, in lanes and track by track.
+/// Work of the first piece, in lanes and track by track.
 const PIECE: usize = 32_000_000;
 const PIECE_EACH: usize = 80_000;
 /// So long a piece should last.
@@ -88,25 +87,34 @@ pub(super) fn largest(values: &[f64], threads: usize) -> f64 {
     most.into_iter().fold(0.0, f64::max)
 }
 
-/// The size of the piece after one of this size that lasted so long.
-fn next_size(size: usize, lasted: Duration) -> usize {
+/// The work of a step of one track: numbers of its covariance, and what does not depend on them.
+fn work(n: usize) -> usize {
+    n * n + 16
+}
+
+/// The size of the piece after one of this size that lasted so long, a multiple of `least` as that was.
+fn next_size(size: usize, least: usize, lasted: Duration) -> usize {
     if lasted < LASTING.start {
         2 * size
     } else if lasted > LASTING.end {
-        (size / 2).next_multiple_of(LANES)
+        (size / 2).next_multiple_of(least).max(least)
     } else {
         size
     }
 }
 
 impl TrackBatch {
+    /// Sizes of pieces are multiples of it: whole blocks of lanes, or a track for each thread.
+    fn least_piece(&self) -> usize {
+        if self.in_lanes() { LANES } else { self.threads }
+    }
+
     /// Tracks in the first piece of a call with so many steps.
     pub(super) fn first_piece(&self, steps: usize) -> usize {
         let piece = if self.in_lanes() { PIECE } else { PIECE_EACH };
-        let n = self.filter.motion().state_dim();
-        (piece / (steps.max(1) * n * n))
-            .max(self.threads)
-            .next_multiple_of(LANES)
+        let tracks = piece / (steps.max(1) * work(self.filter.motion().state_dim()));
+        let least = self.least_piece();
+        tracks.next_multiple_of(least).max(least)
     }
 
     /// All tracks through all steps, from pieces of this size on.
@@ -119,6 +127,7 @@ impl TrackBatch {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<()> {
         let (n, m) = (self.filter.motion().state_dim(), self.filter.sensor().measurement_dim());
+        let least = self.least_piece();
         let lane_steps = if self.in_lanes() {
             steps(self.filter.motion(), self.time, times)
         } else {
@@ -149,9 +158,12 @@ impl TrackBatch {
                         &mut self.failures[tracks.clone()],
                         &mut singular,
                         self.level,
-                        self.threads.min(tracks.len() * times.len() * n * n / PER_THREAD).max(1),
+                        self.threads
+                            .min(tracks.len() * times.len() * work(n) / PER_THREAD)
+                            .max(1),
                     );
-                    for track in tracks.clone().filter(|&track| singular[track - tracks.start]) {
+                    let leaving = if singular.contains(&true) { tracks.clone() } else { 0..0 };
+                    for track in leaving.filter(|&track| singular[track - tracks.start]) {
                         own.left
                             .entry(track)
                             .or_insert_with(|| Own::leaving(own.tracks.as_mut(), track, n));
@@ -169,7 +181,7 @@ impl TrackBatch {
                 }
             }
             first = tracks.end;
-            size = next_size(size, begun.elapsed());
+            size = next_size(size, least, begun.elapsed());
         }
         Ok(())
     }
@@ -181,18 +193,17 @@ mod tests {
 
     #[test]
     fn pieces_grow_and_shrink_until_they_last_as_they_should() {
-        let mut size = LANES;
         let lasts = |size: usize| Duration::from_micros(10 * size as u64);
-        for _ in 0..20 {
-            size = next_size(size, lasts(size));
+        for (begun, least) in [(LANES, LANES), (3, 3), (1, 1), (1 << 20, LANES), (3 << 20, 3)] {
+            let mut size = begun;
+            for _ in 0..20 {
+                size = next_size(size, least, lasts(size));
+                assert!(size.is_multiple_of(least));
+            }
+            assert!(LASTING.contains(&lasts(size)), "{size}");
         }
-        assert!(LASTING.contains(&lasts(size)), "{size}");
-        size = 1 << 20;
-        for _ in 0..20 {
-            size = next_size(size, lasts(size));
-        }
-        assert!(LASTING.contains(&lasts(size)), "{size}");
-        assert_eq!(next_size(LANES, Duration::from_secs(1)), LANES);
+        assert_eq!(next_size(LANES, LANES, Duration::from_secs(1)), LANES);
+        assert_eq!(next_size(1, 1, Duration::from_secs(1)), 1);
     }
 
     #[test]
