@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -152,6 +155,33 @@ def test_density_peaks_equal_the_formula(seed, kernel):
         assert d[i, graph.nearest_denser[i]] == graph.delta[i]
     assert graph.delta[order[0]] == d[order[0]].max()
     assert graph.nearest_denser[order[0]] == -1
+
+
+MANY = """
+import hashlib, os, sys
+if sys.argv[1] == "one":
+    os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
+import numpy as np, trackrs as tr
+rng = np.random.default_rng(3)
+points = np.concatenate([rng.normal(rng.uniform(0, 300, 2), 4.0, (600, 2)) for _ in range(40)])
+points[5_000:5_100] = points[0]
+peaks = tr.DensityPeakPartition(d_c=3.0).explain(points)
+factors = tr.LocalOutlierFactor(n_neighbors=8).scores(points)
+labels = tr.DbscanPartition(eps=1.5, min_samples=4).fit_predict(points)
+parts = [peaks.rho, peaks.delta, peaks.nearest_denser, peaks.labels, factors, labels]
+print(hashlib.sha256(b"".join(np.asarray(part).tobytes() for part in parts)).hexdigest())
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs a choice of processors")
+def test_many_points_have_the_same_bits_on_any_number_of_threads():
+    """24,000 points are looked at on as many threads as there are processors, at most five."""
+    found = [
+        subprocess.run([sys.executable, "-c", MANY, how], check=True, capture_output=True, text=True).stdout
+        for how in ("one", "all")
+    ]
+    assert found[0] == found[1]
+    assert len(found[0]) == 65
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -20,6 +20,7 @@ use super::Partitioner;
 use super::index::Index;
 use super::points::{Partition, Points};
 use crate::error::{Error, Result, require_non_negative};
+use crate::threads::each_point;
 use serde::{Deserialize, Serialize};
 
 /// DBSCAN.
@@ -46,9 +47,15 @@ impl DbscanPartition {
         }
         let index = Index::new(points);
         let radius = eps * eps;
-        let core: Vec<bool> = (0..points.len())
-            .map(|i| index.count(points.point(i), self.min_samples, |d2| d2 <= radius) >= self.min_samples)
-            .collect();
+        // In the order of the index, so that one query finds in the caches what the last one has read.
+        let sorted = each_point(points.len(), false, |at| {
+            let query = points.point(index.order[at]);
+            index.count(query, self.min_samples, |d2| d2 <= radius) >= self.min_samples
+        });
+        let mut core = vec![false; points.len()];
+        for (&i, is_core) in index.order.iter().zip(sorted) {
+            core[i] = is_core;
+        }
         let mut labels = Labels::new(&index);
         let mut clusters = 0;
         let (mut waiting, mut fresh) = (Vec::new(), Vec::new());

@@ -25,6 +25,7 @@ use super::index::{Index, square_of_bound};
 use super::points::{Partition, Points};
 use super::{Partitioner, all_labelled, quantile};
 use crate::error::{Error, Result, require_non_negative, require_positive};
+use crate::threads::each_point;
 use serde::{Deserialize, Serialize};
 
 /// Beyond this argument exp(−x) is zero.
@@ -246,17 +247,21 @@ fn densities(index: &Index<'_>, d_c: f64, kernel: Kernel) -> Vec<f64> {
     // Not zero, lest coincident points give 0/0.
     let squared = (d_c * d_c).max(f64::MIN_POSITIVE);
     let bound = square_of_bound(d_c);
-    let mut rho = vec![0.0; index.order.len()];
     // In the order of the index, so that one query finds in the caches what the last one has read.
-    for &i in &index.order {
-        rho[i] = match kernel {
+    let sorted = each_point(index.order.len(), 0.0, |at| {
+        let i = index.order[at];
+        match kernel {
             // A point is nearer than d_c to itself.
             Kernel::Cutoff => {
                 let near = index.count(index.points.point(i), usize::MAX, |d2| d2 < bound);
                 near.saturating_sub(1) as f64
             }
             Kernel::Gaussian => gaussian_density(index, i, squared),
-        };
+        }
+    });
+    let mut rho = vec![0.0; sorted.len()];
+    for (&i, density) in index.order.iter().zip(sorted) {
+        rho[i] = density;
     }
     rho
 }
@@ -319,15 +324,10 @@ fn links(index: &Index<'_>, order: &[usize]) -> Links {
                 .fold(f64::INFINITY, f64::min),
         };
     }
-    let mut out = Links {
-        delta: vec![0.0; n],
-        nearest_denser: vec![None; n],
-    };
-    for (&i, &rank) in index.order.iter().zip(&sorted) {
-        let query = index.points.point(i);
+    let found = each_point(n, (0.0, None), |at| {
+        let (query, rank) = (index.points.point(index.order[at]), sorted[at]);
         if rank == 0.0 {
-            out.delta[i] = libm::sqrt(index.farthest(query));
-            continue;
+            return (libm::sqrt(index.farthest(query)), None);
         }
         let mut best = (f64::INFINITY, f64::INFINITY, None);
         index.descend(query, |node, reach| {
@@ -354,8 +354,14 @@ fn links(index: &Index<'_>, order: &[usize]) -> Links {
             }
             true
         });
-        out.delta[i] = libm::sqrt(best.0);
-        out.nearest_denser[i] = best.2;
+        (libm::sqrt(best.0), best.2)
+    });
+    let mut out = Links {
+        delta: vec![0.0; n],
+        nearest_denser: vec![None; n],
+    };
+    for (&i, (delta, nearest_denser)) in index.order.iter().zip(found) {
+        (out.delta[i], out.nearest_denser[i]) = (delta, nearest_denser);
     }
     out
 }

@@ -21,6 +21,7 @@
 //!
 //! Reference: Breunig, Kriegel, Ng, Sander 2000; spec 6.4. scikit-learn adds 10⁻¹⁰ to the mean of reach; we do not.
 
+use std::convert::Infallible;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
@@ -28,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use super::index::{Index, LEAF};
 use super::points::Points;
 use crate::error::{Error, Result, require_positive};
+use crate::threads::{POINTS, each_point, for_points, share_out};
 
 /// Neighbours that are kept per point.
 const KEPT: usize = 32;
@@ -77,18 +79,26 @@ impl LocalOutlierFactor {
         let k = self.n_neighbors.min(n.saturating_sub(1));
         let around = Neighbours::new(&index, k, self.include_ties);
         let k_distance: Vec<f64> = around.bounds.iter().map(|bound| libm::sqrt(bound.0)).collect();
-        let mut density = vec![f64::INFINITY; n];
-        for (at, lrd) in density.iter_mut().enumerate() {
+        let density = each_point(n, f64::INFINITY, |at| {
             let mut reach = Mean::default();
-            if k_distance[at] > 0.0 {
-                let query = points.point(index.order[at]);
-                around.each(at, |other| {
-                    let d = libm::sqrt(index.square(other, query));
-                    reach.add(if d > k_distance[other] { d } else { k_distance[other] });
-                });
-                *lrd = 1.0 / reach.value();
+            if k_distance[at] == 0.0 {
+                return f64::INFINITY;
             }
-        }
+            let query = points.point(index.order[at]);
+            around.each(at, |other| {
+                let d = libm::sqrt(index.square(other, query));
+                reach.add(if d > k_distance[other] { d } else { k_distance[other] });
+            });
+            1.0 / reach.value()
+        });
+        let factors = each_point(n, 1.0, |at| {
+            let mut ratios = Mean::default();
+            if k_distance[at] == 0.0 {
+                return 1.0;
+            }
+            around.each(at, |other| ratios.add(ratio(density[other], density[at])));
+            ratios.value()
+        });
         let mut out = OutlierFactors {
             k_distance: vec![0.0; n],
             reachability_density: vec![0.0; n],
@@ -97,11 +107,7 @@ impl LocalOutlierFactor {
         for (at, &i) in index.order.iter().enumerate() {
             out.k_distance[i] = k_distance[at];
             out.reachability_density[i] = density[at];
-            if k_distance[at] > 0.0 {
-                let mut ratios = Mean::default();
-                around.each(at, |other| ratios.add(ratio(density[other], density[at])));
-                out.factors[i] = ratios.value();
-            }
+            out.factors[i] = factors[at];
         }
         Ok(out)
     }
@@ -132,116 +138,40 @@ struct Neighbours<'a> {
     places: Vec<usize>,
 }
 
+/// The same of the points of a part, one after the other in the order of the index.
+#[derive(Default)]
+struct Part {
+    bounds: Vec<(f64, usize)>,
+    /// How many of a point are kept.
+    counts: Vec<usize>,
+    places: Vec<usize>,
+}
+
 impl<'a> Neighbours<'a> {
     fn new(index: &'a Index<'a>, k: usize, include_ties: bool) -> Self {
         let n = index.order.len();
+        let mut parts: Vec<Part> = (0..n.div_ceil(POINTS)).map(|_| Part::default()).collect();
+        let search = Search { index, k, include_ties };
+        let Ok(()) = share_out(parts.iter_mut().enumerate(), for_points(n), |(part, out)| {
+            search.all(part * POINTS..n.min((part + 1) * POINTS), out);
+            Ok::<_, Infallible>(())
+        });
         let mut out = Self {
             index,
             bounds: Vec::with_capacity(n),
             kept: Vec::with_capacity(n),
-            places: Vec::with_capacity(n * k.min(KEPT)),
+            places: Vec::with_capacity(parts.iter().map(|part| part.places.len()).sum()),
         };
-        let mut found = Vec::new();
-        for at in 0..n {
-            let first = out.places.len();
-            let (bound, count) = out.nearest(at, k, include_ties, &mut found);
-            if count <= KEPT + 1 {
-                let places = found[..count].iter().map(|&(_, place)| place);
-                out.places.extend(places.filter(|&place| place != at));
+        for part in parts {
+            let mut first = out.places.len();
+            for count in part.counts {
+                out.kept.push(first..first + count);
+                first += count;
             }
-            out.bounds.push(bound);
-            out.kept.push(first..out.places.len());
+            out.bounds.extend(part.bounds);
+            out.places.extend(part.places);
         }
         out
-    }
-
-    /// Puts point `at` and its neighbours first in `found`; returns their bound and how many there are.
-    ///
-    /// Whatever is not farther than the bound so far is put down, without a branch; when there is a good deal of it, the
-    /// k nearest are taken out and give a new bound.
-    #[inline(always)]
-    fn nearest(&self, at: usize, k: usize, include_ties: bool, found: &mut Vec<Found>) -> ((f64, usize), usize) {
-        let index = self.index;
-        let query = index.points.point(index.order[at]);
-        let mut full = k + 1 + 2 * LEAF;
-        let mut count = 0;
-        let mut limit = self.farthest_at_most(at, query);
-        index.descend(query, |node, reach| {
-            // Where more than k points coincide, their neighbours do not matter.
-            if reach.nearest > limit || limit == 0.0 {
-                return false;
-            }
-            if index.is_leaf(node) {
-                index.scan(node, query, |first, squares| {
-                    if limit == 0.0 {
-                        return;
-                    }
-                    if found.len() < count + LEAF {
-                        found.resize(count + LEAF, (0, 0));
-                    }
-                    let mut fresh = 0_usize;
-                    if let Some((room, _)) = found[count..].split_first_chunk_mut::<LEAF>() {
-                        for (lane, &d2) in squares.iter().enumerate() {
-                            room[fresh % LEAF] = (d2.to_bits(), first.wrapping_add(lane));
-                            fresh = fresh.wrapping_add(usize::from(d2 <= limit));
-                        }
-                    }
-                    count += fresh;
-                    if count > full {
-                        count = self.narrow(at, k, include_ties, &mut found[..count]);
-                        limit = f64::from_bits(found[k].0);
-                        // Among many ties there is little to take out.
-                        full = full.max(2 * count);
-                    }
-                });
-            }
-            true
-        });
-        count = self.narrow(at, k, include_ties, &mut found[..count]);
-        let farthest = found[k].0;
-        let ties = found[..count]
-            .iter()
-            .filter(|&&(bits, place)| bits == farthest && place != at);
-        let last = ties.map(|&(_, place)| index.order[place]).max().unwrap_or(0);
-        let last = if include_ties { usize::MAX } else { last };
-        ((f64::from_bits(farthest), last), count)
-    }
-
-    /// A squared distance within which point `at` has its k neighbours: those of the point before it in the index, which is
-    /// near, are not farther than that point and its farthest one together. Infinite where that says nothing.
-    fn farthest_at_most(&self, at: usize, query: &[f64]) -> f64 {
-        let Some((before, &(farthest, _))) = at
-            .checked_sub(1)
-            .and_then(|before| Some((before, self.bounds.get(before)?)))
-        else {
-            return f64::INFINITY;
-        };
-        let most = libm::sqrt(farthest) + libm::sqrt(self.index.square(before, query));
-        let square = most * most * (1.0 + ROUNDING);
-        // Squares so small have lost their digits.
-        if square > TINY { square } else { f64::INFINITY }
-    }
-
-    /// Puts the k nearest and the point itself first, the farthest of them at `k`; returns how many count.
-    fn narrow(&self, at: usize, k: usize, include_ties: bool, found: &mut [Found]) -> usize {
-        // Squared distances are not negative, so their bits are in their order.
-        let (_, &mut (farthest, _), beyond) = found.select_nth_unstable_by_key(k, |&(bits, _)| bits);
-        if beyond.iter().all(|&(bits, _)| bits > farthest) {
-            return k + 1;
-        }
-        if !include_ties {
-            // The point itself is the nearest, or one of them; then lower indices come first.
-            found.sort_unstable_by_key(|&(bits, place)| (bits, place != at, self.index.order[place]));
-            return k + 1;
-        }
-        let mut count = k + 1;
-        for other in k + 1..found.len() {
-            if found[other].0 == farthest {
-                found.swap(count, other);
-                count += 1;
-            }
-        }
-        count
     }
 
     /// Calls `visit` with every neighbour of point `at`.
@@ -268,6 +198,118 @@ impl<'a> Neighbours<'a> {
             }
             true
         });
+    }
+}
+
+/// How neighbours are found.
+struct Search<'a> {
+    index: &'a Index<'a>,
+    k: usize,
+    include_ties: bool,
+}
+
+impl Search<'_> {
+    /// Those of some points. The first one has no point before it that would give it a bound, so that the bits do not depend on
+    /// who has looked at that.
+    fn all(&self, points: Range<usize>, out: &mut Part) {
+        let mut found = Vec::new();
+        let mut before = None;
+        for at in points {
+            let (bound, count) = self.nearest(at, before, &mut found);
+            let first = out.places.len();
+            if count <= KEPT + 1 {
+                let places = found[..count].iter().map(|&(_, place)| place);
+                out.places.extend(places.filter(|&place| place != at));
+            }
+            out.counts.push(out.places.len() - first);
+            out.bounds.push(bound);
+            before = Some(bound.0);
+        }
+    }
+
+    /// Puts point `at` and its neighbours first in `found`; returns their bound and how many there are.
+    ///
+    /// Whatever is not farther than the bound so far is put down, without a branch; when there is a good deal of it, the
+    /// k nearest are taken out and give a new bound.
+    #[inline(always)]
+    fn nearest(&self, at: usize, before: Option<f64>, found: &mut Vec<Found>) -> ((f64, usize), usize) {
+        let Self { index, k, include_ties } = *self;
+        let query = index.points.point(index.order[at]);
+        let mut full = k + 1 + 2 * LEAF;
+        let mut count = 0;
+        let mut limit = before.map_or(f64::INFINITY, |farthest| self.farthest_at_most(at, farthest, query));
+        index.descend(query, |node, reach| {
+            // Where more than k points coincide, their neighbours do not matter.
+            if reach.nearest > limit || limit == 0.0 {
+                return false;
+            }
+            if index.is_leaf(node) {
+                index.scan(node, query, |first, squares| {
+                    if limit == 0.0 {
+                        return;
+                    }
+                    if found.len() < count + LEAF {
+                        found.resize(count + LEAF, (0, 0));
+                    }
+                    let mut fresh = 0_usize;
+                    if let Some((room, _)) = found[count..].split_first_chunk_mut::<LEAF>() {
+                        for (lane, &d2) in squares.iter().enumerate() {
+                            room[fresh % LEAF] = (d2.to_bits(), first.wrapping_add(lane));
+                            fresh = fresh.wrapping_add(usize::from(d2 <= limit));
+                        }
+                    }
+                    count += fresh;
+                    if count > full {
+                        count = self.narrow(at, &mut found[..count]);
+                        limit = f64::from_bits(found[k].0);
+                        // Among many ties there is little to take out.
+                        full = full.max(2 * count);
+                    }
+                });
+            }
+            true
+        });
+        count = self.narrow(at, &mut found[..count]);
+        let farthest = found[k].0;
+        let ties = found[..count]
+            .iter()
+            .filter(|&&(bits, place)| bits == farthest && place != at);
+        let last = ties.map(|&(_, place)| index.order[place]).max().unwrap_or(0);
+        let last = if include_ties { usize::MAX } else { last };
+        ((f64::from_bits(farthest), last), count)
+    }
+
+    /// A squared distance within which point `at` has its k neighbours: those of the point before it in the index, which is
+    /// near, are not farther than that point and its farthest one together. Infinite where that says nothing.
+    fn farthest_at_most(&self, at: usize, farthest: f64, query: &[f64]) -> f64 {
+        let before = at.saturating_sub(1);
+        let most = libm::sqrt(farthest) + libm::sqrt(self.index.square(before, query));
+        let square = most * most * (1.0 + ROUNDING);
+        // Squares so small have lost their digits.
+        if square > TINY { square } else { f64::INFINITY }
+    }
+
+    /// Puts the k nearest and the point itself first, the farthest of them at `k`; returns how many count.
+    fn narrow(&self, at: usize, found: &mut [Found]) -> usize {
+        let Self { k, include_ties, .. } = *self;
+        // Squared distances are not negative, so their bits are in their order.
+        let (_, &mut (farthest, _), beyond) = found.select_nth_unstable_by_key(k, |&(bits, _)| bits);
+        if beyond.iter().all(|&(bits, _)| bits > farthest) {
+            return k + 1;
+        }
+        if !include_ties {
+            // The point itself is the nearest, or one of them; then lower indices come first.
+            found.sort_unstable_by_key(|&(bits, place)| (bits, place != at, self.index.order[place]));
+            return k + 1;
+        }
+        let mut count = k + 1;
+        for other in k + 1..found.len() {
+            if found[other].0 == farthest {
+                found.swap(count, other);
+                count += 1;
+            }
+        }
+        count
     }
 }
 
