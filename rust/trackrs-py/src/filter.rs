@@ -21,9 +21,11 @@ use crate::model::{Motion, Sensor};
 use crate::options;
 use crate::run::Run;
 
-/// Work between two looks for Ctrl-C, and rows between two looks at the clock.
+/// Work between two looks for Ctrl-C, and rows before the first look at the clock.
 const CHUNK: Duration = Duration::from_millis(50);
 const ROWS: usize = 16;
+/// Where rows last less than this between two looks, twice as many go before the next one.
+const SHORT: Duration = Duration::from_millis(1);
 /// Rows copied at once.
 const PIECE: usize = 1024;
 
@@ -319,7 +321,7 @@ impl Filter {
         if let (Some(leads), 1..) = (&leads, begin) {
             compute(py, || runner.look_ahead(leads[begin - 1], history, &mut run))?;
         }
-        let mut row = begin;
+        let (mut row, mut rows) = (begin, ROWS);
         while row < given.times.len() {
             // A copy, because another thread may write to the arrays while the interpreter is released.
             let piece = given.piece(row..(row + PIECE).min(given.times.len()), m, n);
@@ -327,11 +329,14 @@ impl Filter {
             let mut done = 0;
             while done < data.times.len() {
                 compute(py, || {
-                    let begun = Instant::now();
-                    while done < data.times.len() && begun.elapsed() < CHUNK {
-                        let part = done..(done + ROWS).min(data.times.len());
+                    let (begun, mut looked) = (Instant::now(), Duration::ZERO);
+                    while done < data.times.len() && looked < CHUNK {
+                        let part = done..(done + rows).min(data.times.len());
                         done = part.end;
                         runner.advance(&data, part, history, &mut run)?;
+                        let now = begun.elapsed();
+                        rows = next_rows(rows, now.saturating_sub(looked));
+                        looked = now;
                     }
                     Ok(())
                 })?;
@@ -341,6 +346,17 @@ impl Filter {
         }
         drop(runner);
         Run::new(py, run)
+    }
+}
+
+/// Rows until the next look at the clock, after so many that lasted so long.
+fn next_rows(rows: usize, lasted: Duration) -> usize {
+    if lasted < SHORT {
+        (2 * rows).min(PIECE)
+    } else if lasted > CHUNK {
+        1
+    } else {
+        rows
     }
 }
 

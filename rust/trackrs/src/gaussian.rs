@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, all_finite, require_finite};
+use crate::linalg::fixed::far_from_singular;
 use crate::linalg::kernel::{self, sized};
 use crate::linalg::stack::Stack;
 use crate::linalg::symmetric::{require_covariance, symmetrise};
@@ -48,6 +49,11 @@ impl Gaussian {
     pub(crate) fn is_barely_definite(&self) -> bool {
         fn of<const N: usize>(n: usize, cov: &[f64], work: &mut [f64]) -> bool {
             kernel::little_anywhere::<N>(n, kernel::NEARLY_SINGULAR, cov, work)
+        }
+        if let Ok(four) = self.cov.as_slice().try_into()
+            && far_from_singular(four)
+        {
+            return false;
         }
         self.with_work(|n, cov, work| sized!(of(n, cov, work)))
     }

@@ -38,12 +38,17 @@ mod paths;
 mod price;
 pub mod sparse;
 
+use pulp::Arch;
+
 use crate::error::{Error, Result, require_finite, require_size};
+use crate::lanes::Level;
 use kernels::all_at_most;
 use paths::Solver;
 
 /// No row, no column.
 const NONE: usize = usize::MAX;
+/// From so many columns on registers are as wide as they come.
+const WIDE: usize = 32;
 /// Sums of costs up to this along any path stay finite.
 const LARGEST_COST: f64 = 1e300;
 
@@ -67,7 +72,7 @@ pub struct Assignment {
 /// The duals of the longer side (the columns, if equal) are at most 0, and 0 where unassigned.
 pub fn assign(costs: &[f64], rows: usize, columns: usize) -> Result<Assignment> {
     check(costs, rows, columns)?;
-    Ok(solve(costs, rows, columns, None))
+    solve(costs, rows, columns, None)
 }
 
 /// The assignment of least total cost where row `r` may stay unassigned at cost `miss_costs[r]`.
@@ -79,13 +84,19 @@ pub fn assign_with_misses(costs: &[f64], rows: usize, columns: usize, miss_costs
     require_size("miss costs", rows, miss_costs.len())?;
     require_finite("miss cost", miss_costs)?;
     check_magnitude("miss cost", miss_costs.iter().copied())?;
-    Ok(solve(costs, rows, columns, Some(miss_costs)))
+    solve(costs, rows, columns, Some(miss_costs))
 }
 
-fn solve(costs: &[f64], rows: usize, columns: usize, miss_costs: Option<&[f64]>) -> Assignment {
+fn solve(costs: &[f64], rows: usize, columns: usize, miss_costs: Option<&[f64]>) -> Result<Assignment> {
+    // Rows of a few columns do not fill wide registers.
+    let arch = if rows.max(columns) < WIDE {
+        Arch::Scalar
+    } else {
+        Level::chosen_arch()?
+    };
     let mut row_to_column = vec![None; rows];
     let (row_duals, column_duals) = if rows <= columns {
-        let mut solver = Solver::new(costs, rows, columns, miss_costs);
+        let mut solver = Solver::new(arch, costs, rows, columns, miss_costs);
         let row_duals = solver.run();
         for (column, &taken) in row_to_column.iter_mut().zip(&solver.row_column) {
             *column = (taken != NONE).then_some(taken);
@@ -99,7 +110,7 @@ fn solve(costs: &[f64], rows: usize, columns: usize, miss_costs: Option<&[f64]>)
             turned.extend((0..rows).map(|row| costs[row * columns + column] - miss(row)));
         }
         let nothing = vec![0.0; columns];
-        let mut solver = Solver::new(&turned, columns, rows, miss_costs.map(|_| &nothing[..]));
+        let mut solver = Solver::new(arch, &turned, columns, rows, miss_costs.map(|_| &nothing[..]));
         let column_duals = solver.run();
         for (column, &row) in solver.row_column.iter().enumerate() {
             if row != NONE {
@@ -117,12 +128,12 @@ fn solve(costs: &[f64], rows: usize, columns: usize, miss_costs: Option<&[f64]>)
     for pair in row_to_column.iter().enumerate() {
         cost += cost_of(pair);
     }
-    Assignment {
+    Ok(Assignment {
         row_to_column,
         cost,
         row_duals,
         column_duals,
-    }
+    })
 }
 
 fn check(costs: &[f64], rows: usize, columns: usize) -> Result<()> {

@@ -24,15 +24,18 @@
 //!
 //! Whether they are is mostly told by a bound of |P| from below: |P⁻| ≥ |P| + |Q| where |F| = 1 (Minkowski), |P| = |P⁻| |R|/|S|
 //! after the measurement, and the least part that is left of a component's variance once others are known is at least |P|/Π P_ii.
-//! Only where the bound does not keep that above [`SURE`] is P⁻ factored, and the bound begins again at what it is.
+//! Only where the bound does not keep that far from zero is P⁻ factored, and the bound begins again at what it is.
 //!
 //! Reference: see [`super::kalman`].
+
+mod covariances;
 
 use std::array;
 use std::ops::Range;
 
 use nalgebra::DVector;
 
+use self::covariances::{Covariances, Way};
 use super::extended::{Method, Rule};
 use super::kalman::LN_TAU;
 use super::run::{Estimates, FilterRun};
@@ -42,19 +45,9 @@ use crate::error::Result;
 use crate::gaussian::{Gaussian, GaussianRef};
 use crate::interrupt::ahead;
 use crate::linalg::copy_rows;
-use crate::linalg::fixed::{
-    Factor, Lines, add_scaled, determinant_unless_little_left, mirror, same_bits, symmetrise, transpose,
-};
-use crate::linalg::kernel::NEARLY_SINGULAR;
-use crate::linalg::sparse::UnitUpper;
+use crate::linalg::fixed::{Factor, Lines, add_scaled, same_bits};
 use crate::model::sensor::residual_into;
-use crate::model::{Motion, MotionModel, Sensor, SensorModel};
-
-/// So far from singular that rounding does not count.
-const SURE: f64 = 1e-11;
-
-/// As so much of what it is |Q| counts, for rounding.
-const NOISE_COUNTS: f64 = 0.99;
+use crate::model::{Motion, Sensor, SensorModel};
 
 /// Rows of a filter of one size.
 pub(super) trait FixedRows: Send + Sync {
@@ -136,31 +129,6 @@ struct Fixed<const N: usize, const M: usize> {
     mean: DVector<f64>,
 }
 
-/// The way from one row to the next.
-struct Way<const N: usize> {
-    /// Seconds; NaN: none yet.
-    dt: f64,
-    f: [[f64; N]; N],
-    q: [[f64; N]; N],
-    lines: Lines<N, N>,
-    upper: Option<UnitUpper>,
-    /// |Q| is at least this.
-    spread: f64,
-}
-
-/// What a row does whatever was measured.
-struct Covariances<const N: usize, const M: usize> {
-    before: [[f64; N]; N],
-    ahead: [[f64; N]; N],
-    s: [[f64; M]; M],
-    factor: Factor<M>,
-    log_determinant: f64,
-    gain: [[f64; N]; M],
-    after: [[f64; N]; N],
-    /// |P| is at least this; 0 where nothing is known.
-    least: f64,
-}
-
 impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
     fn advance(
         &mut self,
@@ -175,6 +143,8 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
         x.copy_from_slice(now.state.mean.as_slice());
         p.as_flattened_mut().copy_from_slice(now.state.cov.as_slice());
         let (mut taken, mut failed, mut least) = (0, None, 0.0);
+        // Whether P is that of the row before.
+        let mut goes_on = false;
         let times = &data.times[rows.clone()];
         let measurements = data.measurements[rows.start * M..rows.end * M].as_chunks::<M>().0;
         for (&time, z) in times.iter().zip(measurements) {
@@ -183,7 +153,9 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
                 break;
             }
             let dt = time - *now.time;
-            if self.way.dt.is_nan() || !filter.motion().same_over(dt, self.way.dt) {
+            if dt.to_bits() != self.way.dt.to_bits()
+                && (self.way.dt.is_nan() || !filter.motion().same_over(dt, self.way.dt))
+            {
                 self.way.make(filter.motion(), dt);
                 self.last = None;
             }
@@ -195,7 +167,8 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
                     break;
                 }
             };
-            if !self.last.as_ref().is_some_and(|last| same_bits(&last.before, &p)) {
+            let again = |last: &Covariances<N, M>| goes_on && last.steady || same_bits(&last.before, &p);
+            if !self.last.as_ref().is_some_and(again) {
                 let mut covs = self.way.covariances(&p, &self.lines, &self.noise, &self.symmetric);
                 let least_ahead = self.way.least(least);
                 covs.take_if(|covs| self.watch && covs.nearly_singular(self.determinant, least_ahead));
@@ -212,7 +185,10 @@ impl<const N: usize, const M: usize> FixedRows for Fixed<N, M> {
             for (row, &r) in covs.gain.iter().zip(&r) {
                 add_scaled(&mut x, r, row);
             }
-            (p, least) = (covs.after, covs.least);
+            if !(goes_on && covs.steady) {
+                (p, least) = (covs.after, covs.least);
+            }
+            goes_on = true;
             *now.time = time;
             taken += 1;
             if history == History::Last && taken < times.len() {
@@ -250,14 +226,7 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
         noise.set(&r);
         let symmetric = array::from_fn(|a| array::from_fn(|b| 0.5 * (r[a][b] + r[b][a])));
         Self {
-            way: Way {
-                dt: f64::NAN,
-                f: [[0.0; N]; N],
-                q: [[0.0; N]; N],
-                lines: Lines::new(),
-                upper: None,
-                spread: 0.0,
-            },
+            way: Way::new(),
             h: [[0.0; N]; M],
             lines: Lines::new(),
             constant: false,
@@ -273,6 +242,22 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
     /// z − h(x⁻), with H set.
     #[inline(always)]
     fn compare(&mut self, sensor: &SensorModel, ahead: &[f64; N], z: &[f64; M]) -> Result<[f64; M]> {
+        match sensor {
+            SensorModel::Position(_) if self.constant => Ok(array::from_fn(|a| z[a] - ahead[a])),
+            SensorModel::Linear(sensor) if self.constant => {
+                let offset = sensor.offset().as_slice();
+                Ok(array::from_fn(|a| {
+                    let products = self.h[a].iter().zip(ahead);
+                    z[a] - (products.fold(0.0, |sum, (h, x)| sum + h * x) + offset[a])
+                }))
+            }
+            _ => self.compare_anew(sensor, ahead, z),
+        }
+    }
+
+    /// The same where the sensor is to be asked.
+    #[inline(never)]
+    fn compare_anew(&mut self, sensor: &SensorModel, ahead: &[f64; N], z: &[f64; M]) -> Result<[f64; M]> {
         self.mean.as_mut_slice().copy_from_slice(ahead);
         let (mut expected, mut r) = ([0.0; M], [0.0; M]);
         sensor.linearise_into(&self.mean, None, &mut expected, self.h.as_flattened_mut())?;
@@ -283,118 +268,5 @@ impl<const N: usize, const M: usize> Fixed<N, M> {
         }
         residual_into(sensor, z, &expected, &mut r);
         Ok(r)
-    }
-}
-
-impl<const N: usize, const M: usize> Covariances<N, M> {
-    /// Whether P⁻, of which |P⁻| is at least this, or P is. P is at least |R|/|S| of P⁻ (in the order of matrices): one look
-    /// at P⁻ is mostly enough.
-    #[inline(always)]
-    fn nearly_singular(&mut self, noise: f64, least_ahead: f64) -> bool {
-        let shrunk = noise / self.factor.determinant();
-        let variances = (0..N).fold(1.0, |product, i| product * self.ahead[i][i]);
-        self.least = shrunk * least_ahead;
-        if self.least > SURE * variances {
-            return false;
-        }
-        self.is_nearly_singular(shrunk)
-    }
-
-    /// The same by factors.
-    #[inline(never)]
-    fn is_nearly_singular(&mut self, shrunk: f64) -> bool {
-        self.least = 0.0;
-        let part = SURE / shrunk;
-        // Not where that is no number.
-        if part < 1.0
-            && let Some(determinant) = determinant_unless_little_left(part, &self.ahead)
-        {
-            self.least = shrunk * determinant;
-            return false;
-        }
-        let definite = |cov| determinant_unless_little_left(NEARLY_SINGULAR, cov).is_some();
-        !(definite(&self.ahead) && definite(&self.after))
-    }
-}
-
-impl<const N: usize> Way<N> {
-    /// Makes it the way of `dt` seconds.
-    #[inline(never)]
-    fn make(&mut self, motion: &MotionModel, dt: f64) {
-        motion.noise_into(dt, self.q.as_flattened_mut());
-        motion.transition_into(dt, self.f.as_flattened_mut());
-        self.lines.set(&self.f);
-        UnitUpper::renew(&mut self.upper, N, self.f.as_flattened());
-        self.spread = NOISE_COUNTS * determinant_unless_little_left(SURE, &self.q).unwrap_or(0.0);
-        self.dt = dt;
-    }
-
-    /// What |P⁻| is at least, if |P| is at least this.
-    #[inline(always)]
-    fn least(&self, before: f64) -> f64 {
-        if self.upper.is_some() {
-            before + self.spread
-        } else {
-            0.0
-        }
-    }
-
-    /// Equations 1, 2 and 4 as far as they do not depend on what is measured.
-    #[inline(always)]
-    fn covariances<const M: usize>(
-        &self,
-        before: &[[f64; N]; N],
-        h: &Lines<M, N>,
-        r: &Lines<M, M>,
-        symmetric: &[[f64; M]; M],
-    ) -> Option<Covariances<N, M>> {
-        let mut ahead = *before;
-        if let Some(upper) = &self.upper {
-            upper.congruence_in_place(&mut ahead, &self.q);
-        } else {
-            let product = transpose(&self.lines.times(before));
-            ahead = self.lines.times_plus(&product, &self.q);
-            mirror(&mut ahead);
-        }
-        let hp = h.times(&ahead);
-        let mut s = [[0.0; M]; M];
-        for a in 0..M {
-            for b in 0..M {
-                if b <= a {
-                    let sum = h.row_dot(b, &hp[a]) + symmetric[a][b];
-                    (s[a][b], s[b][a]) = (sum, sum);
-                }
-            }
-        }
-        let factor = Factor::new(&s)?;
-        let mut gain = hp;
-        factor.solve_lower(&mut gain);
-        factor.solve_upper(&mut gain);
-        let mut after = ahead;
-        for (i, row) in after.iter_mut().enumerate() {
-            for (hp, gain) in hp.iter().zip(&gain) {
-                add_scaled(row, -hp[i], gain);
-            }
-        }
-        let (seen, mut rest) = (h.times(&after), r.times(&gain));
-        for (x, y) in rest.as_flattened_mut().iter_mut().zip(seen.as_flattened()) {
-            *x -= y;
-        }
-        for (i, row) in after.iter_mut().enumerate() {
-            for (gain, rest) in gain.iter().zip(&rest) {
-                add_scaled(row, gain[i], rest);
-            }
-        }
-        symmetrise(&mut after);
-        Some(Covariances {
-            before: *before,
-            ahead,
-            s,
-            log_determinant: factor.log_determinant(),
-            factor,
-            gain,
-            after,
-            least: 0.0,
-        })
     }
 }

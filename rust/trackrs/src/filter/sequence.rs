@@ -336,15 +336,17 @@ impl Filter {
         Ok(run)
     }
 
-    /// Refuses what no target could cause; a screen finds it by itself.
-    pub(super) fn require_possible(&self, measurement: &[f64], place: &dyn std::fmt::Display) -> Result<()> {
-        let Some(i) = self.sensor.impossible(measurement) else {
+    /// Refuses what no target could cause, in measurements of the rows from `first_row` on, where these are rows; a screen finds
+    /// it by itself.
+    pub(super) fn require_possible(&self, measurements: &[f64], first_row: Option<usize>) -> Result<()> {
+        let Some(i) = self.sensor.impossible(measurements) else {
             return Ok(());
         };
-        let name = format!("measurement of channel {i}{place}");
+        let m = self.sensor.measurement_dim();
+        let place = first_row.map_or_else(String::new, |first| format!(" at row {}", first + i / m));
         Err(Error::invalid(
-            &name,
-            measurement[i],
+            &format!("measurement of channel {}{place}", i % m),
+            measurements[i],
             "must not be negative; a filter with a screen rejects such a value and goes on",
         ))
     }
@@ -364,9 +366,7 @@ impl Filter {
             require_finite("input", inputs)?;
         }
         if self.screen.is_none() {
-            for (row, measurement) in data.measurements.chunks_exact(m.max(1)).enumerate() {
-                self.require_possible(measurement, &format_args!(" at row {}", data.first_row + row))?;
-            }
+            self.require_possible(data.measurements, Some(data.first_row))?;
         }
         let mut previous = initial.map_or(f64::NEG_INFINITY, |i| i.time);
         for &time in data.times {

@@ -63,7 +63,7 @@ impl Filter {
     ) -> Result<Update> {
         require_size("state", self.motion().state_dim(), state.dim())?;
         check_platform(self.sensor(), platform)?;
-        self.require_possible(measurement.as_slice(), &"")?;
+        self.require_possible(measurement.as_slice(), None)?;
         let space = self.motion().space();
         let update = self.in_form(
             |method| extended::update_in(space, state, self.sensor(), measurement, platform, method),

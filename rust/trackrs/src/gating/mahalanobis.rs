@@ -106,7 +106,7 @@ pub fn gate(
 ) -> Result<Vec<GatedPair>> {
     let mut gating = Gating::new(thresholds.to_vec());
     let mut pairs = Vec::new();
-    gating.look(expected);
+    gating.look(expected, sensor);
     for (report, measured) in reports.iter().enumerate() {
         gating.try_pair(expected, sensor, report, measured.as_slice(), &mut pairs)?;
     }
@@ -122,6 +122,8 @@ pub(crate) struct Gating {
     whitened: Vec<f64>,
     /// ln det S, once a pair needs it.
     log_determinant: Option<f64>,
+    /// Whether a residual is the difference, component by component.
+    differs: bool,
 }
 
 impl Gating {
@@ -134,11 +136,13 @@ impl Gating {
             innovation: vec![0.0; dims],
             whitened: vec![0.0; dims],
             log_determinant: None,
+            differs: false,
         }
     }
 
     /// Turns to a track.
-    pub(crate) fn look(&mut self, expected: &Linearised) {
+    pub(crate) fn look(&mut self, expected: &Linearised, sensor: &dyn Sensor) {
+        self.differs = sensor.angles().is_empty() && sensor.rotation().is_none();
         let full = self.thresholds.last().copied().unwrap_or(0.0);
         let (cov, m) = (expected.prediction.cov().as_slice(), self.half_widths.len());
         for (i, width) in self.half_widths.iter_mut().enumerate() {
@@ -173,10 +177,19 @@ impl Gating {
         measured: &[f64],
         pairs: &mut Vec<GatedPair>,
     ) -> Result<()> {
-        residual_into(sensor, measured, expected.expected.as_slice(), &mut self.innovation);
-        let (innovation, m) = (&self.innovation, self.innovation.len());
         // The full-dimensional threshold is the largest, and a NaN never exceeds it.
-        if innovation.iter().zip(&self.half_widths).any(|(r, w)| r.abs() > *w) {
+        let outside = |(r, w): (f64, &f64)| r.abs() > *w;
+        let expectation = expected.expected.as_slice();
+        if self.differs {
+            // Most pairs end here, many at the first component.
+            let differences = measured.iter().zip(expectation).map(|(z, expected)| z - expected);
+            if differences.zip(&self.half_widths).any(outside) {
+                return Ok(());
+            }
+        }
+        residual_into(sensor, measured, expectation, &mut self.innovation);
+        let (innovation, m) = (&self.innovation, self.innovation.len());
+        if innovation.iter().copied().zip(&self.half_widths).any(outside) {
             return Ok(());
         }
         let prediction = &expected.prediction;

@@ -13,6 +13,7 @@ pub(crate) mod distances;
 pub mod kinematic;
 pub mod level;
 pub(crate) mod linear;
+pub(crate) mod rows;
 pub(crate) mod tracks;
 mod transport;
 pub mod work;

@@ -219,6 +219,30 @@ pub(crate) fn determinant_unless_little_left<const N: usize>(part: f64, cov: &[[
     Some(determinant)
 }
 
+/// Of the product of its variances so much in every leading minor puts a covariance far from [`kernel::little_anywhere`]: of its
+/// matrix of correlations R all eigenvalues but the least have a product below (n/(n − 1))ⁿ⁻¹ < e, so that the least is |R|/e or
+/// more, and rounding is a hundredth of this.
+const FAR_FROM_SINGULAR: f64 = 1e-11;
+
+/// Whether a covariance of four components is surely not [`kernel::little_anywhere`]: by its leading minors, without a division.
+#[inline]
+pub(crate) fn far_from_singular(a: &[f64; 16]) -> bool {
+    let minor = |i: usize, j: usize, k: usize, l: usize| a[4 * i + k] * a[4 * j + l] - a[4 * i + l] * a[4 * j + k];
+    let (upper, lower) = (|k, l| minor(0, 1, k, l), |k, l| minor(2, 3, k, l));
+    let two = upper(0, 1);
+    let three = a[10] * two - a[9] * upper(0, 2) + a[8] * upper(1, 2);
+    // Laplace: pairs of columns of the first two rows and of the others.
+    let four = two * lower(2, 3) - upper(0, 2) * lower(1, 3) + upper(0, 3) * lower(1, 2) + upper(1, 2) * lower(0, 3)
+        - upper(1, 3) * lower(0, 2)
+        + upper(2, 3) * lower(0, 1);
+    let (of_two, of_three) = (a[0] * a[5], a[0] * a[5] * a[10]);
+    // What has overflowed or is no number is not sure.
+    a[0] > 0.0
+        && two > FAR_FROM_SINGULAR * of_two
+        && three > FAR_FROM_SINGULAR * of_three
+        && four > FAR_FROM_SINGULAR * of_three * a[15]
+}
+
 /// L of A = L Lᵀ in the lower half, with one over every number of its diagonal.
 pub(crate) struct Factor<const M: usize> {
     lower: [[f64; M]; M],
@@ -309,5 +333,63 @@ impl<const M: usize> Factor<M> {
     #[inline(always)]
     pub(crate) fn log_determinant(&self) -> f64 {
         kernel::log_determinant(M, self.lower.as_flattened())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::array;
+
+    use super::*;
+
+    /// Numbers in (−1, 1).
+    fn numbers(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        }
+    }
+
+    #[test]
+    fn what_is_far_from_singular_is_not_nearly_so() {
+        let mut next = numbers(7);
+        let (mut far, mut near, mut indefinite) = (0, 0, 0);
+        for round in 0..20_000 {
+            // B Λ Bᵀ: eigenvalues down to 1e-18 of the largest, some negative, in units that differ by up to 1e12.
+            let b: [f64; 16] = array::from_fn(|_| next());
+            let spread = f64::from(round % 19);
+            let lambda: [f64; 4] = array::from_fn(|k| {
+                let size = libm::pow(10.0, -spread * next().abs());
+                if round % 5 == 0 && k % 2 == 1 { -size } else { size }
+            });
+            let unit: [f64; 4] = array::from_fn(|_| libm::pow(10.0, 6.0 * next()));
+            let mut a = [0.0; 16];
+            for i in 0..4 {
+                for j in 0..=i {
+                    let sum: f64 = (0..4).map(|k| b[4 * i + k] * lambda[k] * b[4 * j + k]).sum();
+                    a[4 * i + j] = sum * unit[i] * unit[j];
+                    a[4 * j + i] = a[4 * i + j];
+                }
+            }
+            let mut work = [0.0; 16];
+            let little = kernel::little_anywhere::<4>(4, kernel::NEARLY_SINGULAR, &a, &mut work);
+            let sure = far_from_singular(&a);
+            assert!(!(sure && little), "{a:?}");
+            far += usize::from(sure);
+            near += usize::from(little);
+            indefinite += usize::from(little && round % 5 == 0);
+        }
+        assert!(
+            far > 5_000 && near > 3_000 && indefinite > 3_000,
+            "{far} {near} {indefinite}"
+        );
+        for x in [0.0, f64::NAN, f64::INFINITY, 1e-80, 1e80] {
+            let one = array::from_fn(|k| if k % 5 == 0 { x } else { 0.0 });
+            // In doubt it is not sure.
+            assert!(!far_from_singular(&one), "{x}");
+        }
     }
 }

@@ -160,7 +160,7 @@ impl Bench {
         } = self;
         let before = pairs.len();
         let expected = expecting.of(prior, &look.sensor, look.platform.as_ref())?;
-        gating.look(expected);
+        gating.look(expected, &look.sensor);
         for report in sweeps[epoch].near(expected.expected.as_slice(), gating.half_widths()) {
             if look.fates[report].taker.is_none() {
                 let measured = look.rows[report].value.as_slice();
@@ -189,7 +189,7 @@ impl Bench {
             self.keep(slot);
         }
         let expected = &self.slots[slot];
-        self.gating.look(expected);
+        self.gating.look(expected, &look.sensor);
         let measured = look.rows[row].value.as_slice();
         self.gating
             .try_pair(expected, &look.sensor, row, measured, &mut self.pairs)

@@ -5,15 +5,19 @@
 //! path from outside through a saturated column, and no exit, can be shorter than any path to a free column, and
 //! the second components alone order the rest.
 
+use pulp::Arch;
+
 use super::NONE;
-use super::kernels::{lesser, relax, two_cheapest};
+use super::kernels::lesser;
 use crate::interrupt::ahead;
+use crate::lanes::rows::{BLOCK, Reached, Row, relax, two_cheapest};
 
 const INFINITY: f64 = f64::INFINITY;
-/// Columns are searched in blocks of this many.
-const BLOCK: usize = 64;
-/// Row reduction looks at this many rows per row of the matrix; more costs more than it saves.
-const REDUCTIONS_PER_ROW: usize = 4;
+/// Of so many rows row reduction looks at this many; more cost more than they save. A search of many rows is dear, and so more is
+/// reduced before it.
+fn reductions(rows: usize) -> usize {
+    (rows / 64).clamp(4, 16).saturating_mul(rows)
+}
 
 /// A column passed in a search, with the row it led to.
 #[derive(Clone, Copy)]
@@ -32,6 +36,7 @@ struct Exit {
 }
 
 pub(super) struct Solver<'a> {
+    arch: Arch,
     costs: &'a [f64],
     columns: usize,
     miss_costs: Option<&'a [f64]>,
@@ -56,8 +61,16 @@ pub(super) struct Solver<'a> {
 }
 
 impl<'a> Solver<'a> {
-    pub(super) fn new(costs: &'a [f64], rows: usize, columns: usize, miss_costs: Option<&'a [f64]>) -> Self {
+    /// `costs` row by row.
+    pub(super) fn new(
+        arch: Arch,
+        costs: &'a [f64],
+        rows: usize,
+        columns: usize,
+        miss_costs: Option<&'a [f64]>,
+    ) -> Self {
         Self {
+            arch,
             costs,
             columns,
             miss_costs,
@@ -108,10 +121,10 @@ impl<'a> Solver<'a> {
         let rows = self.row_column.len();
         let mut waiting: Vec<usize> = (0..rows).rev().collect();
         let mut left = Vec::new();
-        let mut budget = REDUCTIONS_PER_ROW * rows;
+        let mut budget = reductions(rows);
         while let Some(row) = waiting.pop() {
             ahead(self.columns);
-            let mut best = two_cheapest(self.row(row), &self.v);
+            let mut best = two_cheapest(self.arch, self.row(row), &self.v);
             if let Some(miss) = self.miss(row) {
                 if best.first > miss {
                     continue; // the exit is the cheapest and free: settled
@@ -148,11 +161,19 @@ impl<'a> Solver<'a> {
         if least == INFINITY {
             return NONE;
         }
-        for (column, (cost, v)) in self.row(row).iter().zip(&self.v).enumerate() {
-            if cost - v == least {
-                cheapest = column;
-                if self.taken[column] == 0.0 {
-                    break;
+        let blocks = self.row(row).chunks(BLOCK).zip(self.v.chunks(BLOCK));
+        for (block, (costs, v)) in blocks.enumerate() {
+            let is_least = |(cost, v): (&f64, &f64)| cost - v == least;
+            // Of most blocks this test says all, and it vectorises.
+            if !costs.iter().zip(v).fold(false, |any, pair| any | is_least(pair)) {
+                continue;
+            }
+            for (lane, pair) in costs.iter().zip(v).enumerate() {
+                if is_least(pair) {
+                    cheapest = block * BLOCK + lane;
+                    if self.taken[cheapest] == 0.0 {
+                        return cheapest;
+                    }
                 }
             }
         }
@@ -218,16 +239,19 @@ impl<'a> Solver<'a> {
         if exit < self.exit.distance {
             self.exit = Exit { row, distance: exit };
         }
-        let costs = self.row(row).chunks(BLOCK).zip(self.open_v.chunks(BLOCK));
-        let targets = self.distance.chunks_mut(BLOCK).zip(self.predecessor.chunks_mut(BLOCK));
-        let blocks = self.block_least.iter_mut().zip(&self.block_open);
-        for (((costs, open_v), (distance, predecessor)), (least, open)) in costs.zip(targets).zip(blocks) {
-            if *open == 0 {
-                *least = INFINITY;
-                continue;
-            }
-            *least = relax(costs, open_v, (row, offset), distance, predecessor);
-        }
+        let costs = self.row(row);
+        let reached = Reached {
+            distance: &mut self.distance,
+            predecessor: &mut self.predecessor,
+            least: &mut self.block_least,
+            open: &self.block_open,
+        };
+        let row = Row {
+            index: row,
+            costs,
+            duals: &self.open_v,
+        };
+        relax(self.arch, row, offset, reached);
         self.nearest()
     }
 

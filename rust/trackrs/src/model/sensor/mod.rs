@@ -106,8 +106,9 @@ pub trait Sensor: Debug + Send + Sync {
     fn is_linear_in_changes(&self) -> bool {
         self.is_linear()
     }
-    /// A component that no target could cause, such as a negative range beyond its noise.
-    fn impossible(&self, _measurement: &[f64]) -> Option<usize> {
+    /// Of measurements one after the other the first component that no target could cause, such as a negative range beyond its
+    /// noise.
+    fn impossible(&self, _measurements: &[f64]) -> Option<usize> {
         None
     }
     /// Number of coordinates a platform position must have, where the sensor can stand on one.
@@ -262,8 +263,8 @@ impl Sensor for SensorModel {
     fn is_linear_in_changes(&self) -> bool {
         self.as_sensor().is_linear_in_changes()
     }
-    fn impossible(&self, measurement: &[f64]) -> Option<usize> {
-        self.as_sensor().impossible(measurement)
+    fn impossible(&self, measurements: &[f64]) -> Option<usize> {
+        self.as_sensor().impossible(measurements)
     }
     fn platform_dims(&self) -> Option<usize> {
         self.as_sensor().platform_dims()

@@ -293,14 +293,14 @@ impl Sensor for RangeArray {
             .ok()
             .map(|fix| fix.position)
     }
-    fn impossible(&self, measurement: &[f64]) -> Option<usize> {
-        let below = |&i: &usize| {
-            let bias = self.bias.as_ref().map_or(0.0, |bias| bias.std[i]);
-            // Nearly all are positive: those need no more than this.
-            measurement[i] < 0.0
-                && measurement[i] * self.metres_per_unit(i, None) < -ABSURD * libm::hypot(self.range_std(i), bias)
-        };
-        (0..self.channels().min(measurement.len())).find(below)
+    fn impossible(&self, measurements: &[f64]) -> Option<usize> {
+        let m = self.measurement_dim();
+        let bias = |i: usize| self.bias.as_ref().map_or(0.0, |bias| bias.std[i]);
+        let least = |i: usize| -ABSURD * libm::hypot(self.range_std(i), bias(i));
+        let below = |i: usize, range: f64| range * self.metres_per_unit(i, None) < least(i);
+        // Nearly all are positive: those need no more than this.
+        let absurd = |k: &usize| measurements[*k] < 0.0 && below(k % m, measurements[*k]);
+        (0..measurements.len()).filter(|k| k % m < self.channels()).find(absurd)
     }
     fn position_fix(&self) -> Option<&dyn PositionFix> {
         Some(self)
