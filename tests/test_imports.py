@@ -35,7 +35,7 @@ LAYERS = [
     {"sim"},
 ]
 RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
-ONLY_FOR = {"lanes": {"lanes", "filter", "gating", "partition"}}
+ONLY_FOR = {"lanes": {"lanes", "filter", "gating", "partition", "association"}}
 
 # --- reading Rust ----------------------------------------------------------------------------------------------------
 

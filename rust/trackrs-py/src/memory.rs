@@ -3,38 +3,35 @@
 //! A result is written once. Of a small page's worth of it more time goes to asking the system for the page than to
 //! writing it, and threads that write ask one after the other.
 
-use std::alloc::{GlobalAlloc, Layout};
-
-use mimalloc::MiMalloc;
+use std::alloc::{GlobalAlloc, Layout, System};
 
 /// From so many bytes on; NumPy's bound.
 #[cfg(target_os = "linux")]
 const LARGE: usize = 1 << 22;
 
-/// An allocator that keeps for a second what was given back, so that results of calls one after the other stand in memory that is
-/// at hand, with that advice to the system.
+/// The system's allocator, with that advice to the system.
 pub(crate) struct LargePages;
 
-// SAFETY: every call is mimalloc's own; `advise` changes nothing that a program can see.
+// SAFETY: every call is the system's allocator's own; `advise` changes nothing that a program can see.
 unsafe impl GlobalAlloc for LargePages {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are those asked for.
-        advise(unsafe { MiMalloc.alloc(layout) }, layout.size())
+        advise(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as above.
-        advise(unsafe { MiMalloc.alloc_zeroed(layout) }, layout.size())
+        advise(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: as above.
-        advise(unsafe { MiMalloc.realloc(memory, layout, size) }, size)
+        advise(unsafe { System.realloc(memory, layout, size) }, size)
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
         // SAFETY: as above.
-        unsafe { MiMalloc.dealloc(memory, layout) }
+        unsafe { System.dealloc(memory, layout) }
     }
 }
 
