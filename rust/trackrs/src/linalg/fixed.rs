@@ -236,11 +236,13 @@ pub(crate) fn far_from_singular(a: &[f64; 16]) -> bool {
         - upper(1, 3) * lower(0, 2)
         + upper(2, 3) * lower(0, 1);
     let (of_two, of_three) = (a[0] * a[5], a[0] * a[5] * a[10]);
-    // What has overflowed or is no number is not sure.
+    let least = FAR_FROM_SINGULAR * of_three * a[15];
+    // What has overflowed, lost digits by its smallness or is no number is not sure.
     a[0] > 0.0
         && two > FAR_FROM_SINGULAR * of_two
         && three > FAR_FROM_SINGULAR * of_three
-        && four > FAR_FROM_SINGULAR * of_three * a[15]
+        && four > least
+        && least >= f64::MIN_POSITIVE
 }
 
 /// L of A = L Lᵀ in the lower half, with one over every number of its diagonal.
